@@ -25,6 +25,7 @@ ORDER = {
         "numerics",
         "robot",
         "robot/coupling",
+        "robot/inertial_prior",
         "control",
         "simulation",
         "identification",

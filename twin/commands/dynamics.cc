@@ -13,12 +13,13 @@
 #include <tribotwin/twin/commands/robot.hpp>
 #include <tribotwin/twin/identification/drive_gains/report.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
+#include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/identification/rigid_body/model_agreement.hpp>
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
-#include <tribotwin/twin/identification/rigid_body/torque_lag.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/identification/verdict/friction_lacking.hpp>
+#include <tribotwin/twin/identification/verdict/negative_values.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -68,14 +69,38 @@ std::span<const Estimate> known_friction(const DynamicsFit& fit, std::size_t rot
 struct Judgement {
   std::vector<JointVerdict> joints;
   std::vector<Lacking> lacking;  ///< of friction
+  std::vector<JointRange> ranges;
+  std::vector<Negative> negative;
 };
 
 Judgement judged(const Robot& robot, const RobotFriction& friction, const JointMotion& motion, const DynamicsFit& fit,
-                 unsigned threads) {
+                 bool with_temperature, unsigned threads) {
   const Eigen::MatrixXd load = gear_load(robot.regressor, robot.base, fit.parameters.base, motion, threads);
+  std::vector<JointRange> ranges = ranges_of(motion, load, with_temperature);
+  std::vector<Negative> negative = negative_values(robot.regressor, friction, fit, ranges);
   return {judge_joints(robot.regressor, motion,
                        predicted_torque(robot.regressor, robot.base, friction, fit.parameters, motion, threads), load),
-          lacking_friction(robot.regressor, friction, motion, load, fit)};
+          lacking_friction(robot.regressor, friction, motion, load, fit), std::move(ranges), std::move(negative)};
+}
+
+Json json_of(std::span<const Negative> negative) {
+  Json all = Json::array();
+  for (const Negative& n : negative)
+    all.push_back({{"parameter", n.parameter},
+                   {"what", n.what},
+                   {"value", n.value},
+                   {"sigma", number(n.sigma)},
+                   {"unit", n.unit},
+                   {"significant", n.significant()}});
+  return all;
+}
+
+/// Whether predict's parameters are those of least squares, and what it costs if not.
+Json json_of(const Robot& robot, const ConsistentDynamics& dynamics) {
+  Json j{{"same", dynamics.same}, {"residual_growth", Json::object()}};
+  for (Index k = 0; k < dynamics.growth.size(); ++k)
+    j["residual_growth"][robot.regressor.joint_name(k)] = number(dynamics.growth(k));
+  return j;
 }
 
 Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency, const Judgement& judgement) {
@@ -114,6 +139,8 @@ Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& cons
   j["between_files"] = number(fit.between_files);
   j["physically_possible"] = consistency.possible;
   j["distance_sigma"] = number(consistency.distance_sigma);
+  j["chance"] = number(consistency.chance);
+  j["negative"] = json_of(judgement.negative);
   j["bodies_judged"] = badly_explained(judgement.joints).empty();
   j["notes"] = fit.notes;
   return j;
@@ -164,8 +191,20 @@ std::string table_of(std::span<const Estimate> lag) {
   return table.text() + "\n";
 }
 
+/// What predict takes.
+std::string prediction_of(const ConsistentDynamics& dynamics, bool contradicted) {
+  if (dynamics.same) return {};
+  double largest = 1;
+  for (const double growth : dynamics.growth)
+    if (growth > largest) largest = growth;
+  return fmt::format(
+      "residuals of the real bodies with the smallest sum of squares are up to {:.4g} times as large; {}\n", largest,
+      contradicted ? "predict takes those of least squares, as the data contradict every real one beyond doubt"
+                   : "predict takes these bodies");
+}
+
 std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency,
-                     const Judgement& judgement) {
+                     const Judgement& judgement, const ConsistentDynamics& consistent) {
   TextTable base = estimates("base parameter"), friction = estimates("friction");
   for (std::size_t k = 0; k < fit.base.size(); ++k) base.add(row_of(fit.base[k], robot.base.parameters[k].group));
   for (std::size_t r = 0; r < fit.friction.size(); ++r)
@@ -178,6 +217,7 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
     s += fmt::format("estimates vary {:.2g} times as much between files as within them; sigmas contain it\n",
                      fit.between_files);
   s += bodies_of(consistency, badly_explained(judgement.joints));
+  s += prediction_of(consistent, contradicted(consistency.distance_sigma, robot.base.size()));
   const BaseCount count = count_base(fit);
   if (count.wide + count.held > 0)
     s += fmt::format("{} of {} base parameters have a 95 % interval wider than their value; {} held\n", count.wide,
@@ -250,19 +290,6 @@ std::vector<Index> unexplained(const DynamicsFit& fit, double error = unexplaine
   std::vector<Index> out;
   for (std::size_t j = 0; j < fit.joints.size(); ++j)
     if (fit.joints[j].relative_error > error) out.push_back(static_cast<Index>(j));
-  return out;
-}
-
-/// Torques that hardly vary with the motion, but for an offset.
-std::vector<std::string> hardly_explained(const Robot& robot, const DynamicsFit& fit) {
-  std::vector<std::string> out;
-  for (std::size_t j = 0; j < fit.joints.size(); ++j)
-    if (const auto& joint = fit.joints[j]; joint.of_variation > unexplained_error)
-      out.push_back(
-          fmt::format("motion explains only {:.0f} % of the variation of torque_{}_{}, the rest is its offset or "
-                      "noise: is it dead?",
-                      100 * std::max(0.0, 1 - joint.of_variation), joint.name,
-                      robot.regressor.is_slide(static_cast<Index>(j)) ? "n" : "nm"));
   return out;
 }
 
@@ -470,7 +497,9 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
                         .thermal = models,
                         .left_out = {},
                         .drive_gains = {},
-                        .lag = {}};
+                        .lag = {},
+                        .ranges = {},
+                        .consistent = {}};
   origin.signals.cutoff_hz = motion.cutoff_hz;
   if (static_cast<Index>(robot.model->drives().size()) < robot.regressor.joints()) origin.torque_max_nm = torque_max_nm;
   return origin;
@@ -635,27 +664,31 @@ Result<Exit> execute(const Arguments& a) {
   const std::vector<Index> weak = weak_joints(robot, again, motion, *fit);
   leave_out_dead(robot, again, weak, motion, *fit, left_out);
   std::ranges::move(doubtful_gravity(robot.regressor, motion), std::back_inserter(fit->notes));
-  std::ranges::move(hardly_explained(robot, *fit), std::back_inserter(fit->notes));
   doubt(a, robot, *fit, weak);
   if (data.gains) count_gains(data.gains->found, *fit);
   const auto efficiencies =
       data.gains ? transmission_efficiency(data.gains->found) : transmission_efficiency(*friction, *fit);
-  const Judgement judgement = judged(robot, *friction, motion, *fit, a.threads);
+  const bool with_temperature = motion.has_temperature || (!models.empty() && law.temperature_dependent);
+  const Judgement judgement = judged(robot, *friction, motion, *fit, with_temperature, a.threads);
   std::ranges::move(warnings_of(judgement.joints), std::back_inserter(fit->notes));
+  std::ranges::move(warnings_of(judgement.negative), std::back_inserter(fit->notes));
   if (!a.quiet)
     for (const auto& text : fit->notes) note("{}", text);
   const Consistency consistency =
       nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
+  ConsistentDynamics consistent = consistent_dynamics(robot.regressor, robot.base, *friction, *fit);
+  measure_growth(robot.regressor, robot.base, *friction, *fit, motion, a.threads, consistent);
   if (a.output.named()) {
     DynamicsOrigin origin = origin_of(a, robot, choice.setting, motion, torque_max_nm, models);
     origin.left_out = left_out;
     if (data.gains) origin.drive_gains = data.gains->constants;
-    origin.lag = lag;
+    origin.lag = lag, origin.ranges = judgement.ranges, origin.consistent = consistent;
     if (auto ok = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, origin), a.output); !ok)
       return ok;
   }
   if (a.json) {
     Json j = json_of(robot, *fit, consistency, judgement);
+    j["consistent"] = json_of(robot, consistent);
     j["choice"] = json_of(choice);
     j["efficiency"] = json_of(efficiencies);
     if (data.gains) {
@@ -669,7 +702,7 @@ Result<Exit> execute(const Arguments& a) {
     return deliver(j.dump(2) + "\n");
   }
   return deliver((data.gains ? table_of(data.gains->found, data.gains->assumed, data.payloads) : "") +
-                 table_of(choice) + table_of(lag) + table_of(robot, *fit, consistency, judgement) +
+                 table_of(choice) + table_of(lag) + table_of(robot, *fit, consistency, judgement, consistent) +
                  table_of(efficiencies));
 }
 

@@ -26,7 +26,7 @@ using Eigen::Index;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 struct Arguments {
-  std::string model, parameters, wrench, site = "flange";
+  std::string model, parameters, wrench, site = "flange", bodies = "auto";
   Destination output;
   TableArguments tables;
   std::vector<std::string> data, payloads, lag{"file"};
@@ -62,31 +62,66 @@ Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Inde
   return e;
 }
 
+/// What the motion asks of the parameters, and what they make of it.
+struct Judgement {
+  std::vector<JointVerdict> joints;
+  std::vector<std::vector<Beyond>> beyond;  ///< per joint; empty: the ranges of the training are not known
+};
+
 /// Of the samples whose errors count.
-std::vector<JointVerdict> judged(const Arguments& a, const Robot& robot, const Eigen::VectorXd& base,
-                                 const JointMotion& motion, const Eigen::MatrixXd& predicted) {
-  const Eigen::MatrixXd load = gear_load(robot.regressor, robot.base, base, motion, a.threads);
-  if (a.window_s.empty()) return judge_joints(robot.regressor, motion, predicted, load);
+Judgement judged(const Arguments& a, const Robot& robot, const DynamicsFile& file, const RobotParameters& parameters,
+                 const JointMotion& motion, bool with_temperature, const Eigen::MatrixXd& predicted) {
+  const auto load_by = [&](const Eigen::VectorXd& base) {
+    return gear_load(robot.regressor, robot.base, base, motion, a.threads);
+  };
+  const Eigen::MatrixXd load = load_by(parameters.base), load_of_fit = load_by(file.parameters.base);  // as the ranges'
+  const auto of = [&](const JointMotion& counted) -> Judgement {
+    return {judge_joints(robot.regressor, counted, predicted, load),
+            beyond(file.ranges, counted, load_of_fit, with_temperature)};
+  };
+  if (a.window_s.empty()) return of(motion);
   JointMotion counted = motion;
   for (Index i = 0; i < motion.size(); ++i)
     if (const double t = motion.time_s[static_cast<std::size_t>(i)]; t < a.window_s[0] || t > a.window_s[1])
       counted.moving.col(i).setConstant(false);
-  return judge_joints(robot.regressor, counted, predicted, load);
+  return of(counted);
+}
+
+/// The quantity of which most samples lie outside of the training.
+std::string outside_of(const std::vector<std::vector<Beyond>>& beyond, Index joint) {
+  if (beyond.empty()) return "unknown";
+  const auto& all = beyond[static_cast<std::size_t>(joint)];
+  const auto most = std::ranges::max_element(all, {}, &Beyond::share);
+  if (most == all.end() || most->share == 0) return "-";
+  return fmt::format("{:.2g} % by {}", 100 * most->share, most->info().name);
 }
 
 /// `lacking`: why there is no error; empty: there is one if the joint moves.
 std::vector<std::string> row_of(const std::string& joint, const Error& e, const std::string& unit,
-                                const std::string& lacking) {
+                                const std::string& outside, const std::string& lacking) {
   const auto figure = [](double x) { return fmt::format("{:.4g}", x); };
-  if (!lacking.empty()) return {joint, "-", "-", "-", "-", unit, "0", lacking};
-  if (e.samples == 0) return {joint, "-", "-", figure(e.range), "-", unit, "0", "does not move"};
+  if (!lacking.empty()) return {joint, "-", "-", "-", "-", unit, "0", outside, lacking};
+  if (e.samples == 0) return {joint, "-", "-", figure(e.range), "-", unit, "0", outside, "does not move"};
   return {joint,
           figure(e.rms),
           fmt::format("{:.2f} %", 100 * e.share()),
           figure(e.range),
           figure(e.largest),
           unit,
-          fmt::format("{}", e.samples)};
+          fmt::format("{}", e.samples),
+          outside};
+}
+
+/// Null where ranges are not known.
+Json training_of(const Judgement& judgement, Index joint) {
+  if (judgement.beyond.empty()) return nullptr;
+  Json out = Json::object();
+  for (const Beyond& b : judgement.beyond[static_cast<std::size_t>(joint)])
+    out[std::string(b.info().name)] = {{"low", b.trained.low},
+                                       {"high", b.trained.high},
+                                       {"share_outside", b.share},
+                                       {"furthest", b.share > 0 ? Json(b.furthest) : Json(nullptr)}};
+  return out;
 }
 
 Json json_of(const Error& e, const std::string& unit, const JointVerdict& verdict) {
@@ -97,6 +132,66 @@ Json json_of(const Error& e, const std::string& unit, const JointVerdict& verdic
           {"samples", e.samples},
           {"unit", unit},
           {"verdict", json_of(verdict)}};
+}
+
+/// Whether the parameters of real bodies are taken: not where the data contradict them all beyond doubt, as what keeps
+/// them from being real (a spring, coupled motors) is then a part of the torque that real bodies cannot give.
+bool takes_consistent(const Arguments& a, const DynamicsFile& file) {
+  return file.consistent &&
+         (a.bodies == "auto" ? file.consistent->same || !file.contradicted : a.bodies == "consistent");
+}
+
+/// What is to be known of the parameters before the errors are believed.
+std::vector<std::string> warnings_of(const Arguments& a, const Robot& robot, const DynamicsFile& file,
+                                     const Judgement& judgement) {
+  std::vector<std::string> lines;
+  if (file.ranges.empty())
+    lines.push_back(
+        fmt::format("{}: of an earlier version: whether the motion stays in the training is not known", a.parameters));
+  for (std::size_t j = 0; j < judgement.beyond.size(); ++j) {
+    const auto joint = static_cast<Index>(j);
+    if (auto line =
+            beyond_training(robot.regressor.joint_name(joint), robot.regressor.is_slide(joint), judgement.beyond[j]);
+        !line.empty())
+      lines.push_back(line + ": errors there are not those of the training");
+  }
+  if (!file.possible && !(file.consistent && file.consistent->same))
+    lines.push_back(fmt::format(
+        "no real bodies have the least-squares parameters of {}: the nearest are {:.1f} sigma away ({}): springs, "
+        "coupled motors, a payload or another geometry than the model's would do that. {}",
+        a.parameters, file.distance_sigma,
+        std::isnan(file.chance) ? "chance not kept" : fmt::format("{:.2g} by chance", file.chance),
+        takes_consistent(a, file) ? "Real bodies are taken all the same"
+                                  : "They predict motions like the training's only"));
+  return lines;
+}
+
+/// How much worse than least squares real bodies explain the training, as a factor of the residual's rms.
+double largest_growth(const DynamicsFile& file) {
+  double largest = 1;
+  if (file.consistent)
+    for (const double growth : file.consistent->growth) largest = growth > largest ? growth : largest;
+  return largest;
+}
+
+Json bodies_of(const Arguments& a, const DynamicsFile& file) {
+  return {{"used", takes_consistent(a, file) ? "consistent" : "least_squares"},
+          {"same", file.consistent ? Json(file.consistent->same) : Json(nullptr)},
+          {"possible", file.possible},
+          {"contradicted", file.contradicted},
+          {"distance_sigma", std::isnan(file.distance_sigma) ? Json(nullptr) : Json(file.distance_sigma)},
+          {"chance", std::isnan(file.chance) ? Json(nullptr) : Json(file.chance)},
+          {"residual_growth", largest_growth(file)}};
+}
+
+std::string words_of(const Arguments& a, const DynamicsFile& file) {
+  if (!file.consistent) return "bodies: those of least squares; the file has no others\n";
+  if (file.consistent->same) return {};
+  return fmt::format(
+      "bodies: {}; in the training residuals of real ones are up to {:.4g} times those of least squares\n",
+      takes_consistent(a, file) ? "real ones with the smallest sum of squares"
+                                : "those of least squares, which are not real",
+      largest_growth(file));
 }
 
 std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::MatrixXd& predicted) {
@@ -193,9 +288,10 @@ Robot loaded(const Arguments& a) {
   return motors.empty() ? robot : with_motors(robot, std::move(motors), a.parameters + ": coupling");
 }
 
-/// Estimates the temperatures that the data lack, where the law needs them and PARAMS.yaml can.
-void take_temperatures(const Arguments& a, const Robot& robot, const DynamicsFile& file, const RobotFriction& friction,
-                       JointMotion& motion) {
+/// Estimates the temperatures that the data lack, where the law needs them and PARAMS.yaml can. Returns whether they
+/// are known.
+bool take_temperatures(const Arguments& a, const Robot& robot, const DynamicsFile& file, const RobotFriction& friction,
+                       const RobotParameters& parameters, JointMotion& motion) {
   const bool unknown = file.law->temperature_dependent && !motion.has_temperature,
              estimated = unknown && !file.thermal.empty();
   if (!a.start_degC.empty() && !estimated)
@@ -204,12 +300,13 @@ void take_temperatures(const Arguments& a, const Robot& robot, const DynamicsFil
                     "dynamics --thermal",
                     a.parameters));
   if (estimated)
-    estimate_temperatures(robot.regressor, robot.base, friction, file.parameters, file.thermal,
+    estimate_temperatures(robot.regressor, robot.base, friction, parameters, file.thermal,
                           start_of(a, robot, file.thermal), motion, a.threads);
   if (unknown && !a.quiet)
     note("without temperature columns {}",
          estimated ? "temperatures are estimated from the motion, from the start of each file on"
                    : fmt::format("law '{}' is that of 20 degC", file.law->name));
+  return motion.has_temperature || estimated;
 }
 
 /// With the drive gains of the fit and what the robot carries.
@@ -226,17 +323,18 @@ Result<Exit> execute(const Arguments& a) {
   const auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional, file.torque_max_nm);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   JointMotion motion = prepared(robot, recordings_of(a, robot, file), preparation_of(a, robot, file), a.quiet);
-  take_temperatures(a, robot, file, *friction, motion);
-  Eigen::MatrixXd predicted =
-      predicted_torque(robot.regressor, robot.base, *friction, file.parameters, motion, a.threads);
+  const RobotParameters& parameters = takes_consistent(a, file) ? file.consistent->parameters : file.parameters;
+  const bool with_temperature = take_temperatures(a, robot, file, *friction, parameters, motion);
+  Eigen::MatrixXd predicted = predicted_torque(robot.regressor, robot.base, *friction, parameters, motion, a.threads);
   const std::vector<std::string> lacking = lacking_of(file, motion);
   blank(a, robot, file, lacking, predicted);
   const std::string wrench_csv = a.wrench.empty() ? std::string() : wrench_csv_of(a, robot, motion, predicted);
-  Json j{{"joints", Json::object()}};
+  const Judgement judgement = judged(a, robot, file, parameters, motion, with_temperature, predicted);
+  Json j{{"joints", Json::object()}, {"bodies", bodies_of(a, file)}};
   constexpr auto right = TextTable::right;
   TextTable table{{TextTable::left("joint"), right("error rms"), right("of its range"), right("range"),
-                   right("largest"), TextTable::left(), right("samples"), TextTable::left()}};
-  const auto verdicts = judged(a, robot, file.parameters.base, motion, predicted);
+                   right("largest"), TextTable::left(), right("samples"), right("outside training"),
+                   TextTable::left()}};
   double worst = 0;
   int moving = 0;
   for (Index joint = 0; joint < predicted.rows(); ++joint) {
@@ -245,7 +343,7 @@ Result<Exit> execute(const Arguments& a) {
     const Error e = a.window_s.empty() ? error_of(motion, predicted, joint, -infinity, infinity)
                                        : error_of(motion, predicted, joint, a.window_s[0], a.window_s[1]);
     const std::string& why = lacking[static_cast<std::size_t>(joint)];
-    table.add(row_of(name, e, unit, why));
+    table.add(row_of(name, e, unit, outside_of(judgement.beyond, joint), why));
     if (!why.empty()) {
       j["joints"][name] = {{"lacking", why}, {"unit", unit}};
       continue;
@@ -253,7 +351,8 @@ Result<Exit> execute(const Arguments& a) {
     if (e.samples == 0 && !a.window_s.empty())
       throw InputError(
           fmt::format("--interval: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
-    j["joints"][name] = json_of(e, unit, verdicts[static_cast<std::size_t>(joint)]);
+    j["joints"][name] = json_of(e, unit, judgement.joints[static_cast<std::size_t>(joint)]);
+    j["joints"][name]["training"] = training_of(judgement, joint);
     moving += e.samples > 0;
     if (e.samples > 0) worst = std::max(worst, e.share());
   }
@@ -262,13 +361,17 @@ Result<Exit> execute(const Arguments& a) {
         fmt::format("{}: the robot stands still: no joint moves, and friction at rest does not follow from the motion",
                     joined(a.data)));
   j["worst_relative_to_range"] = worst;
+  const std::vector<std::string> warnings = warnings_of(a, robot, file, judgement);
+  j["warnings"] = warnings;
   if (a.output.named())
     if (auto ok = deliver(csv_of(robot, motion, predicted), a.output); !ok) return ok;
   if (!a.wrench.empty())
     if (auto ok = deliver(wrench_csv, {a.wrench, a.output.force}); !ok) return ok;
-  if (!a.quiet)
-    for (const auto& text : warnings_of(verdicts)) note("{}", text);
-  return deliver(a.json ? j.dump(2) + "\n" : table.text() + "\n" + table_of(verdicts));
+  if (!a.quiet) {
+    for (const auto& text : warnings) note("{}", text);
+    for (const auto& text : warnings_of(judgement.joints)) note("{}", text);
+  }
+  return deliver(a.json ? j.dump(2) + "\n" : table.text() + words_of(a, file) + "\n" + table_of(judgement.joints));
 }
 
 }  // namespace
@@ -306,6 +409,12 @@ void add_predict(CLI::App& app, int& code) {
                                "joints rest or the arm is singular");
   c->add_option("--site", a->site, "Site of the model at which force and torque act")
       ->needs(wrench)
+      ->capture_default_str();
+  c->add_option("--bodies", a->bodies,
+                "consistent: the real bodies (positive masses and pseudo-inertias) that explain the training best; "
+                "least_squares: base parameters as fitted, which may belong to no real bodies; auto: consistent unless "
+                "the training contradicts every real body beyond doubt")
+      ->check(CLI::IsMember({"auto", "consistent", "least_squares"}))
       ->capture_default_str();
   c->add_option("--threads", a->threads, "Threads; they do not change the result")->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print JSON instead of the table");

@@ -158,6 +158,11 @@ std::vector<RobotRecording> read_recordings(const Robot& robot, const std::vecto
   for (const auto& file : files) {
     auto recording = read_robot_recording(file, robot.regressor, options, nm_per_a);
     if (!recording) throw InputError(recording.error().message);
+    for (const auto& other : recordings)
+      if (same_recording(other, *recording))
+        throw InputError(
+            fmt::format("{} and {} are the same recording; one that counts twice makes sigmas too small: give it once",
+                        other.file.string(), file));
     recordings.push_back(std::move(*recording));
   }
   return recordings;

@@ -31,6 +31,8 @@ double fisher_f_upper_quantile(double freedom, double freedom_below, double prob
 
 double normal_below(double x) { return cdf(normal(), x); }
 
+double chi_squared_above(double freedom, double x) { return cdf(complement(chi_squared(freedom), x)); }
+
 double fisher_f_above(double freedom, double freedom_below, double x) {
   return cdf(complement(fisher_f(freedom, freedom_below), x));
 }

@@ -18,7 +18,9 @@ double fisher_f_upper_quantile(double freedom, double freedom_below, double prob
 
 /// Probability of a variate below x.
 double normal_below(double x);
-/// Probability of a variate above x. `freedom` is that of the numerator, `freedom_below` that of the denominator.
+/// Probability of a variate above x.
+double chi_squared_above(double freedom, double x);
+/// The same. `freedom` is that of the numerator, `freedom_below` that of the denominator.
 double fisher_f_above(double freedom, double freedom_below, double x);
 
 }  // namespace tribotwin::twin

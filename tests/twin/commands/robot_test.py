@@ -304,7 +304,11 @@ r = run(
     model,
     broken("d.csv", changed("torque_joint5_nm", lambda x: 0.3 + np.random.default_rng(3).normal(0, 0.2, len(x)))),
 )
-check("an offset is no motion", "of the variation of torque_joint5_nm" in r.stderr, r.stderr)
+check(
+    "an offset is no motion",
+    re.search(r"joint joint5: \d+ % of its torque's variation is unexplained \(is its torque dead", r.stderr),
+    r.stderr,
+)
 refused(
     "an external force without it",
     ["--wrench", "joint5"],
@@ -621,5 +625,90 @@ check(
 )
 r = run("predict", "two.xml", "two.yaml", "explained.csv")
 check("and is silent where all is explained", "unexplained" not in r.stderr, r.stderr)
+
+# ---- What the fit saw, and what is asked of it.
+check("nothing to say of its own training", "leaves the training" not in r.stderr, r)
+fast = np.interp(2 * t % 60, t, q[:, 0]), np.interp(2 * t % 60, t, q[:, 1])
+moved = np.column_stack(fast)[t < 29], t[t < 29]
+write("fast.csv", columns, [moved[1], moved[0], torque[: len(moved[1])]])
+r = run("predict", "two.xml", "two.yaml", "fast.csv")
+check(
+    "twice the speed of the training",
+    re.search(r"joint shoulder leaves the training: speed reaches \S+ rad/s \(\S+ .. \S+ in training", r.stderr)
+    and re.search(r"outside training", r.stdout)
+    and re.search(r"% by (speed|acceleration)", r.stdout),
+    r,
+)
+j = json.loads(run("predict", "two.xml", "two.yaml", "fast.csv", "--json", "--quiet").stdout)
+training = j["joints"]["elbow"]["training"]
+check(
+    "JSON has the same",
+    set(training) == {"position", "speed", "acceleration", "load"}
+    and training["speed"]["share_outside"] > 0.05
+    and abs(training["speed"]["furthest"]) > 1.3 * training["speed"]["high"]
+    and training["position"]["share_outside"] == 0
+    and training["position"]["furthest"] is None
+    and any("joint elbow leaves" in w for w in j["warnings"]),
+    j,
+)
+text = open(f"{work}/two.yaml").read()
+old = re.sub(r"^(ranges|consistent):\n(  .*\n)+|^chance:.*\n", "", text, flags=re.M)
+check("the case is one", "\nranges:" in text and "\nconsistent:" in text and len(old) < len(text) - 200)
+open(f"{work}/old.yaml", "w").write(old)
+r = run("predict", "two.xml", "old.yaml", "fast.csv")
+check("of an earlier version: ranges are unknown", r.stderr.count("not known") == 1 and "unknown" in r.stdout, r)
+j = json.loads(run("predict", "two.xml", "old.yaml", "fast.csv", "--json", "--quiet").stdout)
+check(
+    "JSON of that",
+    j["joints"]["elbow"]["training"] is None and j["bodies"]["used"] == "least_squares" and j["bodies"]["same"] is None,
+    j,
+)
+open(f"{work}/bad.yaml", "w").write(re.sub(r"speed: \[.*\]", "speed: [2, 1]", text, count=1))
+refused("ranges that are none", ["bad.yaml", "speed", "LOWEST"], "predict", "two.xml", "bad.yaml", "fast.csv")
+
+# ---- Torques that no real bodies need: a forearm of negative inertia.
+phi = -0.4 * np.gradient(np.gradient(q[:, 1], t), t)
+write("unreal.csv", columns, [t, q, torque + np.column_stack([0 * t, phi])])
+r = run("dynamics", "two.xml", "unreal.csv", "-o", "unreal.yaml", "--cutoff", 10)
+check(
+    "a negative inertia is named, with its sigma",
+    re.search(r"\+- \S+ kg m\^2: negative, \S+ sigma below 0", r.stderr)
+    and "no real bodies have" in r.stdout
+    and "predict takes those of least squares" in r.stdout,
+    r,
+)
+used = {}
+j = json.loads(run("predict", "two.xml", "unreal.yaml", "unreal.csv", "--json").stdout)
+check("data that contradict real bodies: least squares", j["bodies"]["used"] == "least_squares", j["bodies"])
+for bodies in ("consistent", "least_squares"):
+    r = run("predict", "two.xml", "unreal.yaml", "unreal.csv", "--bodies", bodies)
+    check(f"{bodies}: warned of", "no real bodies have" in r.stderr and " by chance" in r.stderr, r)
+    j = json.loads(run("predict", "two.xml", "unreal.yaml", "unreal.csv", "--bodies", bodies, "--json").stdout)
+    check(f"{bodies}: said", j["bodies"]["used"] == bodies and not j["bodies"]["same"] and not j["bodies"]["possible"])
+    used[bodies] = j["joints"]["elbow"]["rms"]
+check(
+    "residuals grow as said",
+    abs(used["consistent"] / used["least_squares"] / j["bodies"]["residual_growth"] - 1) < 1e-3
+    and j["bodies"]["residual_growth"] > 1.02,
+    (used, j["bodies"]),
+)
+
+# ---- One recording under two names.
+np.savetxt(
+    f"{work}/again.csv",
+    np.column_stack([t + 7, q, torque]),
+    delimiter=",",
+    header=",".join(columns),
+    comments="",
+    fmt="%.8g",
+)
+for command in (("dynamics", "two.xml"), ("predict", "two.xml", "two.yaml")):
+    refused(
+        f"{command[0]}: the same recording twice",
+        ["explained.csv and again.csv are the same recording"],
+        *command,
+        "explained.csv",
+        "again.csv",
+    )
 
 finish()

@@ -8,8 +8,8 @@
 #include <tribotwin/twin/identification/drive_gains/gain_equations.hpp>
 #include <tribotwin/twin/identification/identifiability.hpp>
 #include <tribotwin/twin/identification/linearised.hpp>
-#include <tribotwin/twin/identification/rigid_body/prior.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/robot/inertial_prior/inertial_prior.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {

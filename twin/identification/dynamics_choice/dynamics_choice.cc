@@ -9,7 +9,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
-#include <tribotwin/twin/identification/rigid_body/torque_lag.hpp>
+#include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
 #include <tribotwin/twin/robot/coupling/coupling.hpp>
 
 namespace tribotwin::twin::identification {

@@ -6,8 +6,8 @@
 
 #include <tribotwin/twin/identification/experiment_design/dynamics_information.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
-#include <tribotwin/twin/identification/rigid_body/prior.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/robot/inertial_prior/inertial_prior.hpp>
 
 namespace tribotwin::twin::identification {
 

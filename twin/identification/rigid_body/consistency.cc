@@ -1,11 +1,13 @@
 #include <algorithm>
 #include <cmath>
-
-#include <ceres/ceres.h>
+#include <limits>
+#include <optional>
 
 #include <tribotwin/twin/identification/rigid_body/consistency.hpp>
 #include <tribotwin/twin/numerics/distributions.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/numerics/triangular_factor.hpp>
+#include <tribotwin/twin/robot/inertial_prior/inertial_prior.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -13,7 +15,7 @@ namespace {
 using Eigen::Index, Eigen::Matrix4d, Eigen::MatrixXd, Eigen::VectorXd;
 
 constexpr int per_body = 10;
-/// Row and column of the ten free numbers of L.
+/// Row and column of the ten coordinates of a symmetric matrix.
 constexpr int lower[per_body][2] = {{0, 0}, {1, 0}, {1, 1}, {2, 0}, {2, 1}, {2, 2}, {3, 0}, {3, 1}, {3, 2}, {3, 3}};
 
 using Ten = Eigen::Matrix<double, per_body, 1>;
@@ -34,99 +36,272 @@ Matrix4d pseudo_inertia(const Ten& p) {
   return J;
 }
 
-Matrix4d factor(const double* x) {
+/// The symmetric matrix of length |d| with these coordinates.
+Matrix4d symmetric(const Ten& d) {
+  Matrix4d D;
+  for (int k = 0; k < per_body; ++k) {
+    const auto [row, column] = lower[k];
+    D(row, column) = D(column, row) = row == column ? d(k) : d(k) * M_SQRT1_2;
+  }
+  return D;
+}
+
+/// Lower triangular L with L L' = J; none where J is not positive definite.
+std::optional<Matrix4d> factor(const Matrix4d& J) {
   Matrix4d L = Matrix4d::Zero();
-  for (int k = 0; k < per_body; ++k) L(lower[k][0], lower[k][1]) = x[k];
+  for (int c = 0; c < 4; ++c) {
+    const double pivot = J(c, c) - L.row(c).squaredNorm();
+    if (!(pivot > 0)) return std::nullopt;
+    L(c, c) = std::sqrt(pivot);
+    for (int r = c + 1; r < 4; ++r) L(r, c) = (J(r, c) - L.row(r).dot(L.row(c))) / L(c, c);
+  }
   return L;
 }
 
-/// phi(x): ten numbers of L per body, the root of every rotor inertia; with its Jacobian.
-VectorXd physical(const double* x, Index count, Index bodies, MatrixXd* by) {
-  VectorXd phi(count);
-  if (by) by->setZero(count, count);
-  for (Index b = 0; b < bodies; ++b) {
-    const Matrix4d L = factor(x + per_body * b);
-    phi.segment<per_body>(per_body * b) = parameters_of(L * L.transpose());
-    if (!by) continue;
-    for (int k = 0; k < per_body; ++k) {
-      Matrix4d dL = Matrix4d::Zero();
-      dL(lower[k][0], lower[k][1]) = 1;
-      const Matrix4d half = dL * L.transpose();
-      by->block<per_body, 1>(per_body * b, per_body * b + k) = parameters_of(half + half.transpose());
-    }
-  }
-  for (Index k = per_body * bodies; k < count; ++k) {
-    phi(k) = x[k] * x[k];
-    if (by) (*by)(k, k) = 2 * x[k];
-  }
-  return phi;
-}
-
-/// Rows W (from_all phi(x) - beta), then (phi(x) - model's) weakly.
-class Mismatch final : public ceres::CostFunction {
+/// Real bodies and rotors: factors of their pseudo-inertias, and the model's.
+class Bodies {
  public:
-  Mismatch(MatrixXd W, const BaseParameters& base, const VectorXd& beta, VectorXd model, VectorXd weak, Index bodies)
-      : A_(W * base.from_all), b_(W * beta), model_(std::move(model)), weak_(std::move(weak)), bodies_(bodies) {
-    set_num_residuals(static_cast<int>(b_.size() + model_.size()));
-    mutable_parameter_block_sizes()->push_back(static_cast<int>(model_.size()));
+  /// Those of the model. Bodies and rotors without mass get a small one: a cone has no inverse at its tip.
+  explicit Bodies(const Regressor& regressor) : rotors_(regressor.model_parameters().tail(regressor.rotors())) {
+    const VectorXd phi = regressor.model_parameters();
+    const VectorXd scale = inertial_scale(regressor);
+    constexpr double least = 1e-4;
+    for (Index b = 0; b < (phi.size() - rotors_.size()) / per_body; ++b) {
+      const Ten size = least * scale.segment<per_body>(per_body * b);
+      Matrix4d J = pseudo_inertia(phi.segment<per_body>(per_body * b));
+      J.diagonal() += Eigen::Vector4d(size(0), size(0), size(0), size(9)) + Eigen::Vector4d::Constant(1e-9);
+      L_.push_back(factor(J).value_or(Matrix4d::Identity()));
+      inverse_.push_back((L_.back() * L_.back().transpose()).inverse());
+    }
+    rotors_ = rotors_.cwiseMax(scale.tail(rotors_.size())).cwiseMax(1e-9);
+    inverse_rotors_ = rotors_.cwiseInverse();
   }
 
-  bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
-    const bool wanted = jacobians && jacobians[0];
-    MatrixXd by;
-    const VectorXd phi = physical(x[0], model_.size(), bodies_, wanted ? &by : nullptr);
-    Eigen::Map<VectorXd>(residuals, b_.size() + model_.size()) << A_ * phi - b_, weak_.cwiseProduct(phi - model_);
-    if (wanted)
-      Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(
-          jacobians[0], b_.size() + model_.size(), model_.size())
-          << A_ * by,
-          weak_.asDiagonal() * by;
-    return true;
+  Index size() const { return per_body * std::ssize(L_) + rotors_.size(); }
+
+  VectorXd phi() const {
+    VectorXd all(size());
+    for (std::size_t b = 0; b < L_.size(); ++b) all.segment<per_body>(at(b)) = parameters_of(L_[b] * L_[b].transpose());
+    all.tail(rotors_.size()) = rotors_;
+    return all;
+  }
+
+  /// Change of phi with each coordinate.
+  MatrixXd by_coordinates() const {
+    MatrixXd M = MatrixXd::Zero(size(), size());
+    for (std::size_t b = 0; b < L_.size(); ++b)
+      for (int k = 0; k < per_body; ++k)
+        M.block<per_body, 1>(at(b), at(b) + k) = parameters_of(L_[b] * symmetric(Ten::Unit(k)) * L_[b].transpose());
+    M.bottomRightCorner(rotors_.size(), rotors_.size()) = rotors_.asDiagonal();
+    return M;
+  }
+
+  /// The sum of divergences from the model, without its constant, and its change with each coordinate.
+  double divergence() const {
+    double sum = (rotors_.array() * inverse_rotors_.array() - rotors_.array().log()).sum();
+    for (std::size_t b = 0; b < L_.size(); ++b)
+      sum += (L_[b] * L_[b].transpose() * inverse_[b]).trace() - 2 * L_[b].diagonal().array().log().sum();
+    return sum;
+  }
+  VectorXd slope() const {
+    VectorXd g(size());
+    for (std::size_t b = 0; b < L_.size(); ++b) {
+      const Matrix4d G = L_[b].transpose() * inverse_[b] * L_[b] - Matrix4d::Identity();
+      for (int k = 0; k < per_body; ++k) g(at(b) + k) = G.cwiseProduct(symmetric(Ten::Unit(k))).sum();
+    }
+    g.tail(rotors_.size()) = rotors_.cwiseProduct(inverse_rotors_).array() - 1;
+    return g;
+  }
+
+  /// None where these are no bodies.
+  std::optional<Bodies> moved(const VectorXd& d) const {
+    Bodies out = *this;
+    for (std::size_t b = 0; b < L_.size(); ++b) {
+      const auto change = factor(Matrix4d::Identity() + symmetric(d.segment<per_body>(at(b))));
+      if (!change) return std::nullopt;
+      out.L_[b] = L_[b] * *change;
+    }
+    out.rotors_ += rotors_.cwiseProduct(d.tail(rotors_.size()));
+    if (!(out.rotors_.array() > 0).all()) return std::nullopt;
+    return out;
   }
 
  private:
-  MatrixXd A_;
-  VectorXd b_, model_, weak_;
-  Index bodies_;
+  static Index at(std::size_t body) { return per_body * static_cast<Index>(body); }
+
+  std::vector<Matrix4d> L_, inverse_;  ///< now; of the model's pseudo-inertia
+  VectorXd rotors_, inverse_rotors_;
 };
+
+/// min |A phi - b|^2 over real bodies.
+class Nearest {
+ public:
+  Nearest(MatrixXd A, VectorXd b, Bodies start) : A_(std::move(A)), b_(std::move(b)), now_(std::move(start)) {}
+
+  Bodies run() && {
+    constexpr double every = 0.5;
+    constexpr int most_steps = 50;
+    for (double mu = distance(now_);; mu *= every) {
+      mu = std::max(mu, last);
+      for (int k = 0; k < most_steps; ++k)
+        if (!step(mu)) break;
+      if (mu == last) return std::move(now_);
+    }
+  }
+
+ private:
+  static constexpr double last = 1e-4;  ///< of mu
+
+  double distance(const Bodies& x) const { return (A_ * x.phi() - b_).squaredNorm(); }
+
+  /// One step of Newton's method; whether another is worthwhile.
+  bool step(double mu) {
+    const Index rows = A_.rows(), n = now_.size();
+    MatrixXd J(rows + n, n + 1);  // and the right-hand side
+    J << M_SQRT2 * (A_ * now_.by_coordinates()), M_SQRT2 * (b_ - A_ * now_.phi()),
+        std::sqrt(mu) * MatrixXd::Identity(n, n), -std::sqrt(mu) * now_.slope();
+    factor_in_place(J);
+    VectorXd d = J.col(n).head(n);
+    const double decrease = d.squaredNorm(), decrement = std::sqrt(decrease / mu);
+    J.topLeftCorner(n, n).triangularView<Eigen::Upper>().solveInPlace(d);
+    const bool near = decrement < 0.25;  // there a whole step is safe, as the function is self-concordant
+    auto next = near ? now_.moved(d) : along(d, mu);
+    if (next) now_ = std::move(*next);
+    return next && decrement > (mu > last ? 0.5 : 0.01);
+  }
+
+  /// The lowest of some points on the way; none where all are higher than the start.
+  std::optional<Bodies> along(const VectorXd& d, double mu) const {
+    std::optional<Bodies> best;
+    double lowest = value(now_, mu);
+    for (double share = 1; share > 1e-9; share *= 0.7) {
+      auto next = now_.moved(share * d);
+      if (!next) continue;
+      const double height = value(*next, mu);
+      if (height >= lowest && best) break;
+      if (height < lowest) lowest = height, best = std::move(next);
+    }
+    return best;
+  }
+
+  double value(const Bodies& x, double mu) const { return distance(x) + mu * x.divergence(); }
+
+  MatrixXd A_;
+  VectorXd b_;
+  Bodies now_;
+};
+
+/// Bodies beside `near` that have exactly these base parameters; none where there are none as near.
+std::optional<Bodies> exactly(const Bodies& near, const MatrixXd& from_all, const VectorXd& beta) {
+  MatrixXd A = from_all * near.by_coordinates();
+  const VectorXd scale = A.rowwise().norm().cwiseInverse();
+  return near.moved(ShortestSolution(scale.asDiagonal() * A)(scale.cwiseProduct(beta - from_all * near.phi())));
+}
+
+/// The fit's objective as one of its base parameters alone, friction following.
+struct Marginal {
+  std::vector<Index> base, friction;  ///< unknowns
+  MatrixXd R;                         ///< |R (change of base)|^2
+  MatrixXd follow;                    ///< change of friction = follow (change of base)
+};
+
+Marginal marginal_of(const DynamicsFit& fit, Index base_size) {
+  Marginal m;
+  std::vector<Index> of_base, order;
+  for (std::size_t c = 0; c < fit.unknowns.size(); ++c) {
+    const bool rigid = fit.unknowns[c] < base_size;
+    (rigid ? m.base : m.friction).push_back(fit.unknowns[c]);
+    (rigid ? of_base : order).push_back(static_cast<Index>(c));
+  }
+  order.insert(order.end(), of_base.begin(), of_base.end());
+  TriangularFactor all(std::ssize(order));
+  all.add(fit.objective(Eigen::all, order));
+  const MatrixXd R = all.R();
+  const Index f = std::ssize(m.friction), b = std::ssize(m.base);
+  m.R = R.bottomRightCorner(b, b);
+  m.follow = -R.topRightCorner(f, b);
+  R.topLeftCorner(f, f).triangularView<Eigen::Upper>().solveInPlace(m.follow);
+  return m;
+}
+
+/// Adds changes of friction unknowns, within the bounds of the law.
+void change_friction(const RobotFriction& friction, Index base_size, const std::vector<Index>& unknowns,
+                     const VectorXd& change, std::vector<std::vector<double>>& values) {
+  std::vector<std::pair<std::size_t, Index>> place;
+  for (std::size_t r = 0; r < friction.size(); ++r)
+    for (Index p = 0; p < friction[r].size(); ++p) place.emplace_back(r, p);
+  for (std::size_t c = 0; c < unknowns.size(); ++c) {
+    const auto& [r, p] = place[static_cast<std::size_t>(unknowns[c] - base_size)];
+    const auto& info = friction[r].parameter(p);
+    double& value = values[r][static_cast<std::size_t>(p)];
+    value = std::clamp(value + change(static_cast<Index>(c)), info.minimum, info.maximum);
+  }
+}
 
 }  // namespace
 
+bool contradicted(double distance_sigma, Index base_size) {
+  return distance_sigma > 3 * std::sqrt(chi_squared_quantile(static_cast<double>(base_size), 0.95));
+}
+
 Consistency nearest_consistent(const Regressor& regressor, const BaseParameters& base, const VectorXd& beta,
                                const MatrixXd& information) {
-  const VectorXd model = regressor.model_parameters();
-  const Index count = model.size(), bodies = (count - regressor.rotors()) / per_body;
-  VectorXd x(count), weak(count);
-  for (Index b = 0; b < bodies; ++b) {
-    Ten p = model.segment<per_body>(per_body * b);
-    // Bodies without mass get a small one, as L could not change from 0.
-    Matrix4d J = pseudo_inertia(p);
-    J += 1e-6 * (1e-3 + J.trace()) * Matrix4d::Identity();
-    const Matrix4d L = J.llt().matrixL();
-    for (int k = 0; k < per_body; ++k) x(per_body * b + k) = L(lower[k][0], lower[k][1]);
-    weak.segment<per_body>(per_body * b).setConstant(1e-4 / (1e-3 + p.cwiseAbs().maxCoeff()));
-  }
-  for (Index k = per_body * bodies; k < count; ++k)
-    x(k) = std::sqrt(std::max(model(k), 1e-6)), weak(k) = 1e-4 / (1e-3 + model(k));
-
   const SymmetricEigen eigen = symmetric_eigen(information);
   const MatrixXd root = eigen.values.cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.vectors.transpose();
-  ceres::Problem problem;
-  problem.AddResidualBlock(new Mismatch(root, base, beta, model, weak, bodies), nullptr, x.data());
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.max_num_iterations = 500;
-  options.function_tolerance = 1e-12;
-  options.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
-
   Consistency out;
-  out.parameters = physical(x.data(), count, bodies, nullptr);
+  out.parameters = Nearest(root * base.from_all, root * beta, Bodies(regressor)).run().phi();
   out.base = base.from_all * out.parameters;
   out.distance_sigma = (root * (out.base - beta)).norm();
-  out.possible = out.distance_sigma * out.distance_sigma < chi_squared_quantile(static_cast<double>(base.size()), 0.95);
+  const auto freedom = static_cast<double>(base.size());
+  out.chance = chi_squared_above(freedom, out.distance_sigma * out.distance_sigma);
+  out.possible = out.distance_sigma * out.distance_sigma < chi_squared_quantile(freedom, 0.95);
   return out;
+}
+
+ConsistentDynamics consistent_dynamics(const Regressor& regressor, const BaseParameters& base,
+                                       const RobotFriction& friction, const DynamicsFit& fit) {
+  const Marginal marginal = marginal_of(fit, base.size());
+  const MatrixXd from_all = base.from_all(marginal.base, Eigen::all);
+  const VectorXd beta = fit.parameters.base(marginal.base);
+  const VectorXd own = marginal.R.colwise().norm();
+  const MatrixXd scale = own.cwiseMax(1e-6 * own.maxCoeff()).asDiagonal();
+  const Bodies nearest = Nearest(scale * from_all, scale * beta, Bodies(regressor)).run();
+  ConsistentDynamics out{.parameters = fit.parameters, .bodies = {}, .growth = {}};
+  if (const auto same = exactly(nearest, from_all, beta)) {
+    out.same = true;
+    out.bodies = same->phi();
+    return out;
+  }
+  // What the data do not determine stays as in the fit as far as it can.
+  TriangularFactor rows(scale.rows());
+  rows.add(marginal.R);
+  rows.add(1e-5 * scale);
+  const MatrixXd W = rows.R();
+  out.bodies = Nearest(W * from_all, W * beta, Bodies(regressor)).run().phi();
+  const VectorXd found = from_all * out.bodies;
+  out.parameters.base(marginal.base) = found;
+  change_friction(friction, base.size(), marginal.friction, marginal.follow * (found - beta), out.parameters.friction);
+  return out;
+}
+
+void measure_growth(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
+                    const DynamicsFit& fit, const JointMotion& motion, unsigned threads, ConsistentDynamics& dynamics) {
+  dynamics.growth = VectorXd::Ones(regressor.joints());
+  for (Index j = 0; j < regressor.joints(); ++j)
+    if (motion.is_left_out(j)) dynamics.growth(j) = std::numeric_limits<double>::quiet_NaN();
+  if (dynamics.same) return;
+  const auto torque = [&](const RobotParameters& parameters) {
+    return predicted_torque(regressor, base, friction, parameters, motion, threads);
+  };
+  const MatrixXd free = torque(fit.parameters), real = torque(dynamics.parameters);
+  for (Index j = 0; j < regressor.joints(); ++j) {
+    double of_free = 0, of_real = 0;
+    for (Index i = 0; i < motion.size(); ++i)
+      if (motion.moving(j, i))
+        of_free += std::pow(motion.torque(j, i) - free(j, i), 2),
+            of_real += std::pow(motion.torque(j, i) - real(j, i), 2);
+    if (!motion.is_left_out(j)) dynamics.growth(j) = std::sqrt(of_real / of_free);
+  }
 }
 
 }  // namespace tribotwin::twin::identification

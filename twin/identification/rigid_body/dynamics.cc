@@ -10,13 +10,13 @@
 #include <tribotwin/twin/identification/resampling/jackknife.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_problem.hpp>
-#include <tribotwin/twin/identification/rigid_body/prior.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/direction.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
 #include <tribotwin/twin/numerics/triangular_factor.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/inertial_prior/inertial_prior.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -165,6 +165,7 @@ class Identification {
     if (options_.folds > 1) leave_out();
     if (options_.lag) add_lags();
     conclude();
+    keep_objective();
     progress(1);
     return std::move(out_);
   }
@@ -204,6 +205,9 @@ class Identification {
           if (e.name == friction_[r].parameter(p).name) now_.friction[r][static_cast<std::size_t>(p)] = e.value;
   }
 
+  /// Base parameters that are a rotor inertia alone, where there are none.
+  bool excluded(Index base) const { return !options_.rotor_inertia && is_rotor_inertia(base); }
+
   /// Fixes what friction holds and the options exclude, and takes the prior.
   void restrict() {
     for (std::size_t r = 0; r < friction_.size(); ++r)
@@ -212,8 +216,8 @@ class Identification {
           problem_.fix(problem_.friction_at(static_cast<Index>(r), p));
           now_.friction[r][static_cast<std::size_t>(p)] = *value;
         }
-    for (Index k = 0; k < base_.size() && !options_.rotor_inertia; ++k)
-      if (is_rotor_inertia(k)) {
+    for (Index k = 0; k < base_.size(); ++k)
+      if (excluded(k)) {
         problem_.fix(k);
         now_.base(k) = 0;
       }
@@ -340,13 +344,12 @@ class Identification {
     double squares = 0, torque_squares = 0;
     for (Index j = 0; j < joints(); ++j) {
       std::vector<double> r;
-      double own = 0, torque = 0, sum = 0;
+      double own = 0, torque = 0;
       for (Index i = 0; i < motion_.size(); ++i)
         if (const double x = residuals(j, i); !std::isnan(x))
-          r.push_back(x), own += x * x, sum += motion_.torque(j, i),
-              torque += motion_.torque(j, i) * motion_.torque(j, i);
+          r.push_back(x), own += x * x, torque += motion_.torque(j, i) * motion_.torque(j, i);
       if (r.empty()) {  // left out: any weight will do for no rows
-        out_.joints.push_back({regressor_.joint_name(j), unknown, 1, unknown, unknown, 0});
+        out_.joints.push_back({regressor_.joint_name(j), unknown, 1, unknown, 0});
         continue;
       }
       const auto parameters = std::min<Index>(base_.size() / joints() + friction_[static_cast<std::size_t>(j)].size(),
@@ -355,7 +358,6 @@ class Identification {
                            1e-12 * std::sqrt(torque / static_cast<double>(r.size())) + 1e-300);
       correlation_(j) = correlation_of(residuals.row(j), motion_, own / static_cast<double>(r.size()));
       out_.joints.push_back({regressor_.joint_name(j), noise_(j), correlation_(j), std::sqrt(own / torque),
-                             std::sqrt(own / std::max(torque - sum * sum / static_cast<double>(r.size()), 1e-300)),
                              static_cast<Index>(r.size())});
       squares += own, torque_squares += torque;
     }
@@ -667,7 +669,15 @@ class Identification {
     out_.information(of_base, of_base) = own_information;
     if (options_.evidence) weigh_evidence(of_unknowns.covariance);
     out_.condition_number = scaled_condition_number(R_.topLeftCorner(R_.cols() - 1, R_.cols() - 1));
-    out_.parameters = std::move(now_);
+    out_.parameters = now_;
+  }
+
+  void keep_objective() {
+    for (Index k = 0; k < base_.size(); ++k)
+      if (!excluded(k)) problem_.release(k);
+    const MatrixXd R = factor(pass_);
+    out_.objective = R.topLeftCorner(R.cols() - 1, R.cols() - 1);
+    out_.unknowns = order_;
   }
 
   const Regressor& regressor_;

@@ -38,7 +38,7 @@ struct DynamicsOptions {
   bool rotor_inertia = true;  ///< false: base parameters that are a rotor inertia alone are 0, as of torques that were
                               ///< measured behind the gear
   double prior = 0;  ///< standard deviation of the bodies' inertial parameters about the model's, as a share of their
-                     ///< size (inertial_scale of prior.hpp); 0: none
+                     ///< size (inertial_scale of robot/inertial_prior.hpp); 0: none
   bool essential_only = false;  ///< base parameters that do not improve the fit are 0: backward elimination while F < 4
   bool evidence = false;        ///< find the prior that is the most probable (DynamicsFit::prior_by_evidence)
   bool lag = false;             ///< what the torques are late is unknown and counts in the sigmas: DynamicsFit::lag
@@ -54,8 +54,6 @@ struct JointResult {
   double noise = 0;           ///< standard deviation of the residual [Nm; N]; NaN where the joint is left out
   double correlation = 1;     ///< number of correlated samples per independent one
   double relative_error = 0;  ///< rms of the residual / rms of the torque, while the joint moves; NaN as `noise`
-  double of_variation = 0;    ///< rms of the residual / standard deviation of the torque, while the joint moves; NaN as
-                              ///< `noise`
   Eigen::Index samples = 0;   ///< in motion; 0: the joint is left out (JointMotion::left_out), its friction is not
                               ///< known
 };
@@ -70,6 +68,11 @@ struct DynamicsFit {
   /// it, which `parameters` do not count: torque_lag.hpp removes it. `held` where the torque does not tell.
   std::vector<Estimate> lag;
   Eigen::MatrixXd information;  ///< of beta with free friction: inverse of its covariance; rows of 0 where held
+  /// R, upper triangular: changes x of these unknowns (base parameters, then friction rotor by rotor) enlarge the
+  /// weighted sum of squares, prior included, by |R x|^2. Base parameters that are not identifiable are among them,
+  /// those that an option excludes are not.
+  Eigen::MatrixXd objective;
+  std::vector<Eigen::Index> unknowns;
   std::vector<JointResult> joints;
   double relative_error = 0;    ///< |residual| / |torque| over all joints and samples in motion
   double condition_number = 0;  ///< of the weighted regressor with unit columns
@@ -79,8 +82,9 @@ struct DynamicsFit {
   /// joints x samples. Linearised about the parameters of all, which is exact for friction linear in its parameters;
   /// what the other folds do not tell is as in the model.
   Eigen::MatrixXd held_out;
-  double prior_by_evidence = 0;  ///< where asked for: the `prior` under which the data are the most probable
-                                 ///< (prior.hpp); 0: none that is narrower than ten times the bodies' sizes
+  double prior_by_evidence =
+      0;  ///< where asked for: the `prior` under which the data are the most probable
+          ///< (robot/inertial_prior.hpp); 0: none that is narrower than ten times the bodies' sizes
   std::vector<std::string> notes;
 };
 

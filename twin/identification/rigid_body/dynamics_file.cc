@@ -30,6 +30,109 @@ void write_coupling(YAML::Emitter& out, const Regressor& regressor) {
   out << YAML::EndMap;
 }
 
+void write_ranges(YAML::Emitter& out, const Regressor& regressor, const std::vector<JointRange>& ranges) {
+  if (ranges.empty()) return;
+  out << YAML::Key << "ranges" << YAML::Value << YAML::BeginMap;
+  for (std::size_t j = 0; j < ranges.size(); ++j) {
+    out << YAML::Key << regressor.joint_name(static_cast<Index>(j)) << YAML::Value << YAML::BeginMap;
+    for (std::size_t k = 0; k < ranged_infos.size(); ++k)
+      if (const Span& span = ranges[j][k]; span.known())
+        out << YAML::Key << std::string(ranged_infos[k].name) << YAML::Value << YAML::Flow
+            << std::vector<double>{span.low, span.high};
+    out << YAML::EndMap;
+  }
+  out << YAML::EndMap;
+}
+
+std::vector<JointRange> read_ranges(Mapping& in, const Regressor& regressor) {
+  std::vector<JointRange> out;
+  auto ranges = in.mapping("ranges");
+  if (!ranges) return out;
+  for (Index j = 0; j < regressor.joints(); ++j) {
+    auto joint = ranges->mapping(regressor.joint_name(j));
+    if (!joint) ranges->fail(regressor.joint_name(j), "is missing: every joint of the model has its ranges");
+    auto& of_joint = out.emplace_back();
+    for (std::size_t k = 0; k < ranged_infos.size(); ++k) {
+      const std::string name(ranged_infos[k].name);
+      if (!joint->has(name)) continue;
+      const auto span = joint->numbers(name);
+      if (span.size() != 2 || span[0] > span[1]) joint->fail(name, "must be [LOWEST, HIGHEST]");
+      of_joint[k] = {span[0], span[1]};
+    }
+    joint->done();
+  }
+  ranges->done();
+  return out;
+}
+
+/// Names of a rotor's friction parameters, in their order.
+std::vector<std::string> friction_names(const friction::LawInfo& law, Directional beside, bool coupled) {
+  std::vector<std::string> names;
+  for (const auto& p : law.parameters) names.emplace_back(p.name);
+  if (beside.offset && !coupled) names.emplace_back(offset_name);
+  if (beside.asymmetry) names.emplace_back(asymmetry_name);
+  return names;
+}
+
+void write_consistent(YAML::Emitter& out, const DynamicsFit& fit, const BaseParameters& base,
+                      const Regressor& regressor, const ConsistentDynamics& dynamics) {
+  out << YAML::Key << "consistent" << YAML::Value << YAML::BeginMap << YAML::Key << "same" << YAML::Value
+      << dynamics.same;
+  if (!dynamics.same) {
+    out << YAML::Key << "residual_growth" << YAML::Value << YAML::Flow << YAML::BeginMap;
+    for (std::size_t j = 0; j < fit.joints.size(); ++j)
+      if (const double growth = dynamics.growth(static_cast<Index>(j)); std::isfinite(growth))
+        out << YAML::Key << fit.joints[j].name << YAML::Value << growth;
+    out << YAML::EndMap << YAML::Key << "base_parameters" << YAML::Value << YAML::BeginMap;
+    for (Index k = 0; k < base.size(); ++k)
+      out << YAML::Key << base.parameters[static_cast<std::size_t>(k)].name << YAML::Value
+          << dynamics.parameters.base(k);
+    out << YAML::EndMap << YAML::Key << "friction" << YAML::Value << YAML::BeginMap;
+    for (std::size_t r = 0; r < fit.friction.size(); ++r) {
+      if (r < fit.joints.size() && fit.joints[r].samples == 0) continue;
+      out << YAML::Key << regressor.rotor_name(static_cast<Index>(r)) << YAML::Value << YAML::Flow << YAML::BeginMap;
+      for (std::size_t p = 0; p < fit.friction[r].size(); ++p)
+        out << YAML::Key << fit.friction[r][p].name << YAML::Value << dynamics.parameters.friction[r][p];
+      out << YAML::EndMap;
+    }
+    out << YAML::EndMap;
+  }
+  out << YAML::EndMap;
+}
+
+/// Into what is read of the file so far.
+void read_consistent(Mapping& in, const Regressor& regressor, const BaseParameters& base, DynamicsFile& out) {
+  auto found = in.mapping("consistent");
+  if (!found) return;
+  ConsistentDynamics dynamics{
+      .same = found->flag_or("same", false), .parameters = out.parameters, .bodies = {}, .growth = {}};
+  if (!dynamics.same) {
+    dynamics.growth.setConstant(regressor.joints(), std::numeric_limits<double>::quiet_NaN());
+    if (auto growth = found->mapping("residual_growth")) {
+      for (Index j = 0; j < regressor.joints(); ++j)
+        if (growth->has(regressor.joint_name(j)))
+          dynamics.growth(j) = growth->number(regressor.joint_name(j), {0, 1e9});
+      growth->done();
+    }
+    auto parameters = found->mapping("base_parameters"), friction = found->mapping("friction");
+    if (!parameters || !friction) found->fail(parameters ? "friction" : "base_parameters", "is missing");
+    for (Index k = 0; k < base.size(); ++k)
+      dynamics.parameters.base(k) = parameters->number(base.parameters[static_cast<std::size_t>(k)].name);
+    for (Index r = 0; r < regressor.rotors(); ++r) {
+      if (!regressor.is_coupled(r) && !out.left_out[static_cast<std::size_t>(r)].empty()) continue;
+      auto rotor = friction->mapping(regressor.rotor_name(r));
+      if (!rotor) friction->fail(regressor.rotor_name(r), "is missing");
+      auto value = dynamics.parameters.friction[static_cast<std::size_t>(r)].begin();
+      for (const auto& name : friction_names(*out.law, out.directional, regressor.is_coupled(r)))
+        *value++ = rotor->number(name);
+      rotor->done();
+    }
+    parameters->done(), friction->done();
+  }
+  found->done();
+  out.consistent = std::move(dynamics);
+}
+
 /// Index of a joint that a file names.
 int joint_of(const Mapping& in, const std::string& key, const std::string& name, const Regressor& robot) {
   for (Index j = 0; j < robot.joints(); ++j)
@@ -143,10 +246,14 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   for (const auto& joint : fit.joints)
     if (joint.samples > 0) out << YAML::Key << joint.name << YAML::Value << joint.noise;
   out << YAML::EndMap << YAML::Key << "physically_possible" << YAML::Value << consistency.possible << YAML::Key
-      << "distance_sigma" << YAML::Value << consistency.distance_sigma;
+      << "distance_sigma" << YAML::Value << consistency.distance_sigma << YAML::Key << "chance" << YAML::Value
+      << consistency.chance;
+  write_ranges(out, regressor, origin.ranges);
+  if (origin.consistent) write_consistent(out, fit, base, regressor, *origin.consistent);
+  const Eigen::VectorXd& bodies = origin.consistent ? origin.consistent->bodies : consistency.parameters;
   out << YAML::Key << "nearest_consistent" << YAML::Value << YAML::BeginMap;
   for (std::size_t c = 0; c < regressor.columns().size(); ++c)
-    out << YAML::Key << regressor.columns()[c].name << YAML::Value << consistency.parameters(static_cast<Index>(c));
+    out << YAML::Key << regressor.columns()[c].name << YAML::Value << bodies(static_cast<Index>(c));
   out << YAML::EndMap << YAML::EndMap;
   return "# A robot's dynamics by tribotwin dynamics; torques arm side, base parameters as groups of inertial "
          "parameters\n" +
@@ -171,9 +278,27 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   const YAML::Node root = load_yaml(file);
   refuse_other_kind(root, file.string(), "tribotwin dynamics");
   Mapping in(file.string(), "", root);
-  in.accept({"model", "data", "friction_law", "signals", "coupling", "drive_gains", "torque_max_nm", "relative_error",
-             "condition_number", "base_parameters", "friction", "left_out", "lag", "thermal", "noise",
-             "physically_possible", "distance_sigma", "nearest_consistent"});
+  in.accept({"model",
+             "data",
+             "friction_law",
+             "signals",
+             "coupling",
+             "drive_gains",
+             "torque_max_nm",
+             "relative_error",
+             "condition_number",
+             "base_parameters",
+             "friction",
+             "left_out",
+             "lag",
+             "thermal",
+             "noise",
+             "physically_possible",
+             "distance_sigma",
+             "chance",
+             "ranges",
+             "consistent",
+             "nearest_consistent"});
   DynamicsFile out;
   out.law = or_wrong_input(dynamics_law(in.text("friction_law"), file.string() + ": friction_law"));
   auto parameters = in.mapping("base_parameters");
@@ -254,6 +379,13 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
     }
     thermal->done();
   }
+  constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+  out.possible = in.flag_or("physically_possible", true);
+  out.distance_sigma = in.number_or("distance_sigma", unknown, {0, 1e300});
+  out.contradicted = contradicted(out.distance_sigma, base.size());
+  out.chance = in.number_or("chance", unknown, {0, 1});
+  out.ranges = read_ranges(in, regressor);
+  read_consistent(in, regressor, base, out);
   return out;
 } catch (const InputError& e) {
   return tl::unexpected(Error(e.what()));

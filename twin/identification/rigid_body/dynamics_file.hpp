@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -8,6 +9,7 @@
 #include <tribotwin/plugins/thermal/thermal.hpp>
 #include <tribotwin/twin/identification/rigid_body/consistency.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
+#include <tribotwin/twin/identification/rigid_body/training_range.hpp>
 
 /// PARAMS.yaml of a whole robot: its base parameters and the friction of its joints, with their uncertainties.
 namespace tribotwin::twin::identification {
@@ -22,6 +24,8 @@ struct DynamicsOrigin {
   std::vector<std::string> left_out;    ///< per joint, why its torque was left out; "": it was not. Empty: none
   std::vector<Estimate> drive_gains;    ///< per joint, NaN where not identified (drive_constants); empty: none
   std::vector<Estimate> lag;            ///< per joint, of the torques in the recordings [s]; empty: none
+  std::vector<JointRange> ranges;       ///< per joint, of the samples of the fit; empty: not kept
+  std::optional<ConsistentDynamics> consistent;  ///< none: not kept
 };
 
 std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const friction::LawInfo& law,
@@ -39,6 +43,11 @@ struct DynamicsFile {
   std::vector<std::string> left_out;  ///< per joint, why its torque was left out, its friction being 0; "": it was not
   std::vector<Estimate> drive_gains;  ///< per joint, with value, sigma and unit; NaN where unknown. Empty: torques are
                                       ///< as recorded
+  std::vector<JointRange> ranges;     ///< per joint; empty: not known, as of files of earlier versions
+  bool possible = true;               ///< Consistency::possible
+  bool contradicted = false;          ///< contradicted() of the distance
+  double distance_sigma = 0, chance = 1;         ///< Consistency; NaN where the file does not say
+  std::optional<ConsistentDynamics> consistent;  ///< without `bodies`; none in files of earlier versions
 };
 
 /// A file of to_yaml. ErrorKind::input with file, key and what would be right, also where it describes another robot.

@@ -35,6 +35,7 @@ class DynamicsProblem {
 
   /// Unknowns are free until they are fixed.
   void fix(Eigen::Index u) { free_[static_cast<std::size_t>(u)] = false; }
+  void release(Eigen::Index u) { free_[static_cast<std::size_t>(u)] = true; }
   bool is_free(Eigen::Index u) const { return free_[static_cast<std::size_t>(u)]; }
 
   /// Samples [first, second) without a gap, long against the correlation of noise: the unit in which errors count as

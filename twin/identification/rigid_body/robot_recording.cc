@@ -277,4 +277,19 @@ Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, c
   return rec;
 }
 
+bool same_recording(const RobotRecording& a, const RobotRecording& b) {
+  constexpr double step_share = 0.01, span_share = 1e-5;  // tables have six digits
+  if (a.time_s.size() != b.time_s.size() || a.position.rows() != b.position.rows()) return false;
+  const double step = (a.time_s.back() - a.time_s.front()) / static_cast<double>(a.time_s.size());
+  for (std::size_t i = 0; i < a.time_s.size(); ++i)
+    if (std::abs((a.time_s[i] - a.time_s.front()) - (b.time_s[i] - b.time_s.front())) > step_share * step) return false;
+  const auto equal = [](const MatrixXd& x, const MatrixXd& y) {
+    for (Index j = 0; j < x.rows(); ++j)
+      if ((x.row(j) - y.row(j)).cwiseAbs().maxCoeff() > span_share * (x.row(j).maxCoeff() - x.row(j).minCoeff()))
+        return false;
+    return true;
+  };
+  return equal(a.position, b.position) && equal(a.torque, b.torque);
+}
+
 }  // namespace tribotwin::twin::identification

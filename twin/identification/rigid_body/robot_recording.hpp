@@ -48,4 +48,8 @@ struct RobotRecording {
 Result<RobotRecording> read_robot_recording(const std::filesystem::path& file, const Regressor& regressor,
                                             const TableOptions& options = {}, std::span<const double> nm_per_a = {});
 
+/// Whether both are one recording, whatever their files look like: the same steps of time, positions and torques but
+/// for rounding. Two recordings of one motion differ in their noise.
+bool same_recording(const RobotRecording& a, const RobotRecording& b);
+
 }  // namespace tribotwin::twin::identification

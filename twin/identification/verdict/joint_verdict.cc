@@ -258,8 +258,9 @@ std::string sentence(const JointVerdict& v) {
         "follows none of speed, load, position and time that could be examined; half of it is below {:.2g} Hz (of "
         "white noise: {:.2g} Hz)",
         v.half_below_hz, v.white_half_hz));
-  return fmt::format("joint {}: {:.0f} % of its torque's variation is unexplained; the residual {}", v.joint,
-                     100 * v.of_variation, joined(parts, "; it "));
+  return fmt::format("joint {}: {:.0f} % of its torque's variation is unexplained{}; the residual {}", v.joint,
+                     100 * v.of_variation, v.of_variation > 0.7 ? " (is its torque dead, or all offset?)" : "",
+                     joined(parts, "; it "));
 }
 
 }  // namespace

@@ -2,10 +2,10 @@
 #include <cmath>
 #include <limits>
 
-#include <tribotwin/twin/identification/rigid_body/prior.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/robot/inertial_prior/inertial_prior.hpp>
 
-namespace tribotwin::twin::identification {
+namespace tribotwin::twin {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
@@ -69,4 +69,4 @@ double most_probable_prior(const MatrixXd& of_data, const MatrixXd& of_prior, co
   return best;
 }
 
-}  // namespace tribotwin::twin::identification
+}  // namespace tribotwin::twin

@@ -6,7 +6,7 @@
 #include <tribotwin/twin/robot/regressor.hpp>
 
 /// What the model says of a robot's inertial parameters before anything is recorded, and how far the data believe it.
-namespace tribotwin::twin::identification {
+namespace tribotwin::twin {
 
 /// The size of every inertial parameter of the model, in the order of the regressor: of a body with mass m and radius
 /// of gyration r its m, m r and m r^2; a rotor's own inertia. Bodies without mass count as a hundredth of the heaviest.
@@ -23,4 +23,4 @@ Eigen::MatrixXd prior_covariance(const Regressor& regressor, const BaseParameter
 double most_probable_prior(const Eigen::MatrixXd& of_data, const Eigen::MatrixXd& of_prior,
                            const Eigen::VectorXd& deviation);
 
-}  // namespace tribotwin::twin::identification
+}  // namespace tribotwin::twin

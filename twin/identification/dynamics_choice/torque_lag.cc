@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/identification/rigid_body/torque_lag.hpp>
+#include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {

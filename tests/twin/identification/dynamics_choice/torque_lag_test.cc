@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
-#include <tribotwin/twin/identification/rigid_body/torque_lag.hpp>
+#include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {

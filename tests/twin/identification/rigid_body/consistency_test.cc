@@ -1,0 +1,213 @@
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <random>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+
+#include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/twin/identification/rigid_body/consistency.hpp>
+#include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
+
+/// Fits whose least-squares parameters may belong to no real bodies. The judge is the condition of a convex minimum: no
+/// way to other real bodies goes down.
+namespace tribotwin::twin::identification {
+namespace {
+
+using Eigen::Index, Eigen::Matrix4d, Eigen::MatrixXd, Eigen::VectorXd;
+
+constexpr auto arm_xml = R"(<mujoco><worldbody>
+  <body name="upper"><joint name="shoulder" axis="0 1 0" armature=".05"/>
+    <geom type="capsule" size=".05" fromto="0 0 0 .4 0 0" mass="4"/>
+  <body name="fore" pos=".4 0 0"><joint name="elbow" axis="{}" armature=".01"/>
+    <geom type="box" size=".1 .04 .03" pos=".1 .01 0" mass="1"/></body></body></worldbody></mujoco>)";
+
+struct Fitted {
+  JointMotion motion;
+  DynamicsFit fit;
+  ConsistentDynamics consistent;
+};
+
+class Arm {
+ public:
+  explicit Arm(const char* elbow_axis = "0 0 1")
+      : model_(*mujoco::load_string(fmt::format(fmt::runtime(arm_xml), elbow_axis))) {}
+
+  const Regressor& regressor() const { return regressor_; }
+  const BaseParameters& base() const { return base_; }
+  const RobotFriction& friction() const { return friction_; }
+
+  RobotRecording recording(unsigned seed, double noise_nm, double length_s = 10) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> phase(0, 2 * M_PI);
+    std::normal_distribution<double> normal(0, noise_nm);
+    constexpr double rate_hz = 100;
+    const auto samples = static_cast<Index>(length_s * rate_hz);
+    RobotRecording r{.file = fmt::format("{}.csv", seed)};
+    r.position.resize(2, samples), r.torque.resize(2, samples);
+    double phases[2][3];
+    for (auto& joint : phases)
+      for (double& p : joint) p = phase(random);
+    for (Index i = 0; i < samples; ++i) {
+      r.time_s.push_back(static_cast<double>(i) / rate_hz);
+      VectorXd q = VectorXd::Zero(2), qd = q, qdd = q;
+      for (Index j = 0; j < 2; ++j)
+        for (int k = 0; k < 3; ++k) {
+          const double w = 2 * M_PI * (0.17 + 0.13 * k + 0.05 * static_cast<double>(j)), a = 0.8 / (1 + k);
+          const double x = w * r.time_s.back() + phases[j][k];
+          q(j) += a * std::sin(x), qd(j) += a * w * std::cos(x), qdd(j) -= a * w * w * std::sin(x);
+        }
+      const VectorXd rigid = regressor_.at(q, qd, qdd) * regressor_.model_parameters();
+      for (Index j = 0; j < 2; ++j) r.torque(j, i) = rigid(j) + std::copysign(2.0, qd(j)) + qd(j) + normal(random);
+      r.position.col(i) = q;
+    }
+    return r;
+  }
+
+  Fitted fitted(const RobotRecording& recording, const DynamicsOptions& options = {}) const {
+    JointMotion motion = *prepare({&recording, 1}, regressor_);
+    auto fit = fit_dynamics(regressor_, base_, friction_, motion, options);
+    EXPECT_TRUE(fit) << fit.error().message;
+    ConsistentDynamics consistent = consistent_dynamics(regressor_, base_, friction_, *fit);
+    measure_growth(regressor_, base_, friction_, *fit, motion, 1, consistent);
+    return {std::move(motion), *std::move(fit), std::move(consistent)};
+  }
+
+  /// Mean square of the error on another recording.
+  double error(const RobotParameters& parameters, const RobotRecording& unseen) const {
+    const JointMotion motion = *prepare({&unseen, 1}, regressor_);
+    const MatrixXd off = predicted_torque(regressor_, base_, friction_, parameters, motion, 1) - motion.torque;
+    return motion.moving.select(off, 0).squaredNorm();
+  }
+
+ private:
+  std::shared_ptr<const mujoco::Model> model_;
+  Regressor regressor_ = *Regressor::create(model_->get());
+  BaseParameters base_ = base_parameters(regressor_);
+  RobotFriction friction_ = *robot_friction(*model_, regressor_, coulomb_viscous());
+};
+
+double smallest_eigenvalue(const VectorXd& body) {
+  const double half = 0.5 * (body(0) + body(3) + body(5));
+  MatrixXd J(4, 4);
+  J << half - body(0), -body(1), -body(2), body(6), -body(1), half - body(3), -body(4), body(7), -body(2), -body(4),
+      half - body(5), body(8), body(6), body(7), body(8), body(9);
+  return symmetric_eigenvalues(J)(0);
+}
+
+/// In the order of DynamicsFit::unknowns.
+VectorXd unknowns_of(const Fitted& f, const RobotParameters& parameters) {
+  VectorXd all(parameters.base.size());
+  all << parameters.base;
+  for (const auto& rotor : parameters.friction) {
+    const Index before = all.size();
+    all.conservativeResize(before + std::ssize(rotor));
+    all.tail(std::ssize(rotor)) = Eigen::Map<const VectorXd>(rotor.data(), std::ssize(rotor));
+  }
+  return all(f.fit.unknowns);
+}
+
+TEST(Consistency, OfAFitIsTheMinimumOverRealBodies) {
+  Arm arm;
+  int changed = 0;
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  for (unsigned seed = 1; seed <= 8; ++seed) {
+    SCOPED_TRACE(seed);
+    const Fitted f = arm.fitted(arm.recording(seed, 1.5));
+    const VectorXd& bodies = f.consistent.bodies;
+    for (Index b = 0; b < 2; ++b) EXPECT_GT(smallest_eigenvalue(bodies.segment(10 * b, 10)), 0);
+    EXPECT_GT(bodies.tail(2).minCoeff(), 0);
+    EXPECT_LT((arm.base().from_all * bodies - f.consistent.parameters.base).norm(), 1e-9);
+    if (f.consistent.same) continue;
+    ++changed;
+    const VectorXd x = unknowns_of(f, f.consistent.parameters) - unknowns_of(f, f.fit.parameters);
+    const VectorXd slope = f.fit.objective.transpose() * f.fit.objective * x;
+    const auto n = static_cast<Index>(arm.base().size());
+    const double cost = (f.fit.objective * x).squaredNorm();
+    EXPECT_GT(cost, 0);
+    for (int k = 0; k < 100; ++k) {  // other bodies: L L' with any L, of the size of the model's
+      VectorXd other = arm.regressor().model_parameters();
+      for (Index b = 0; b < 2; ++b) {
+        Matrix4d L;
+        for (double& l : L.reshaped()) l = 0.3 * normal(random);
+        const Matrix4d J = L * L.transpose();
+        other.segment(10 * b, 10) << J(1, 1) + J(2, 2), -J(0, 1), -J(0, 2), J(0, 0) + J(2, 2), -J(1, 2),
+            J(0, 0) + J(1, 1), J(0, 3), J(1, 3), J(2, 3), J(3, 3);
+      }
+      other.tail(2) << std::abs(normal(random)), 0.1 * std::abs(normal(random));
+      EXPECT_GT(slope.head(n).dot(arm.base().from_all * other - f.consistent.parameters.base), -0.01);
+    }
+    EXPECT_LT(slope.tail(slope.size() - n).norm(), 1e-6 * slope.head(n).norm());  // friction follows
+    EXPECT_GE(f.consistent.growth.minCoeff(), 0.99);
+    EXPECT_LT(f.consistent.growth.maxCoeff(), 1.05);
+  }
+  EXPECT_GE(changed, 4);
+}
+
+TEST(Consistency, LeavesTheParametersOfRealBodiesAsTheyAre) {
+  Arm arm;
+  const Fitted f = arm.fitted(arm.recording(1, 0.01));
+  EXPECT_TRUE(f.consistent.same);
+  EXPECT_EQ(f.consistent.parameters.base, f.fit.parameters.base);
+  EXPECT_EQ(f.consistent.parameters.friction, f.fit.parameters.friction);
+  EXPECT_LT((arm.base().from_all * f.consistent.bodies - f.fit.parameters.base).norm(), 1e-9);
+  EXPECT_EQ(f.consistent.growth, VectorXd::Ones(2));
+}
+
+TEST(Consistency, KeepsRotorsOutThatAnOptionExcludes) {
+  Arm arm("0 1 0");
+  const Fitted f = arm.fitted(arm.recording(2, 1.5), {.rotor_inertia = false});
+  int excluded = 0;
+  for (Index k = 0; k < arm.base().size(); ++k)
+    if (arm.base().parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia")) {
+      EXPECT_EQ(f.consistent.parameters.base(k), 0);
+      ++excluded;
+    }
+  EXPECT_GT(excluded, 0);
+}
+
+TEST(Consistency, PredictsOtherMotionsNoWorse) {
+  Arm arm;
+  double of_free = 0, of_real = 0;
+  for (unsigned seed = 1; seed <= 8; ++seed) {
+    const Fitted f = arm.fitted(arm.recording(seed, 1.5));
+    const RobotRecording unseen = arm.recording(seed + 100, 0);
+    of_free += arm.error(f.fit.parameters, unseen), of_real += arm.error(f.consistent.parameters, unseen);
+  }
+  EXPECT_LT(of_real, of_free);
+}
+
+TEST(DynamicsFile, KeepsConsistentParametersAndRanges) {
+  Arm arm;
+  for (const double noise_nm : {0.01, 1.5}) {
+    SCOPED_TRACE(noise_nm);
+    const Fitted f = arm.fitted(arm.recording(3, noise_nm));
+    EXPECT_EQ(f.consistent.same, noise_nm < 1);
+    const MatrixXd load = gear_load(arm.regressor(), arm.base(), f.fit.parameters.base, f.motion, 1);
+    const auto file = std::filesystem::path(testing::TempDir()) / "consistent.yaml";
+    std::ofstream(file) << to_yaml(
+        f.fit, arm.base(), coulomb_viscous(), arm.regressor(),
+        nearest_consistent(arm.regressor(), arm.base(), f.fit.parameters.base, f.fit.information),
+        {.model = "arm.xml", .ranges = ranges_of(f.motion, load, false), .consistent = f.consistent});
+    const auto read = read_dynamics(file, arm.regressor(), arm.base());
+    ASSERT_TRUE(read) << read.error().message;
+    ASSERT_TRUE(read->consistent);
+    EXPECT_EQ(read->consistent->same, f.consistent.same);
+    EXPECT_EQ(read->consistent->parameters.base, f.consistent.parameters.base);
+    EXPECT_EQ(read->consistent->parameters.friction, f.consistent.parameters.friction);
+    EXPECT_EQ(read->parameters.base, f.fit.parameters.base);
+    ASSERT_EQ(read->ranges.size(), 2u);
+    for (std::size_t k = 0; k < ranged_infos.size(); ++k) {
+      const Span &kept = read->ranges[1][k], was = ranges_of(f.motion, load, false)[1][k];
+      EXPECT_EQ(kept.known(), ranged_infos[k].name != "temperature");
+      EXPECT_EQ(kept.low, was.low);
+      EXPECT_EQ(kept.high, was.high);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace tribotwin::twin::identification

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
+#include <tribotwin/twin/identification/rigid_body/training_range.hpp>
+
+/// What cannot be negative in a robot and is in its identified dynamics: the rotor inertia of a joint, and of linear
+/// laws the friction at standstill, its slope at top speed and its growth with load.
+namespace tribotwin::twin::identification {
+
+struct Negative {
+  std::string parameter;  ///< "joint2.Ia", "joint2.Fv", "joint2.Fc + Fs"
+  std::string what;       ///< "viscous friction"
+  double value = 0;       ///< below 0
+  double sigma = 0;       ///< NaN where it was held
+  std::string unit, cause;
+  bool significant() const { return value < -2 * sigma; }
+};
+
+/// Of a joint that coupled motors turn, friction is what is left beside theirs: any sign. `ranges`: of the samples of
+/// the fit, for the top speed.
+std::vector<Negative> negative_values(const Regressor& regressor, const RobotFriction& friction, const DynamicsFit& fit,
+                                      const std::vector<JointRange>& ranges);
+
+/// "viscous friction joint2.Fv is -0.12 +- 0.01 Nm s/rad: negative, 12 sigma below 0: ..."
+std::vector<std::string> warnings_of(std::span<const Negative> all);
+
+}  // namespace tribotwin::twin::identification
