@@ -139,7 +139,16 @@ commands = [
         ),
         Command(
             "dynamics",
-            ("tribotwin", "dynamics", "{in}/pendulum.xml", "{in}/recorded.csv", "-o", "robot.yaml"),
+            (
+                "tribotwin",
+                "dynamics",
+                "--friction",
+                "coulomb_viscous",
+                "{in}/pendulum.xml",
+                "{in}/recorded.csv",
+                "-o",
+                "robot.yaml",
+            ),
             ("robot.yaml",),
             stream="robot.yaml",
         ),
@@ -834,7 +843,17 @@ def make_results():
     write("excited.yaml", "model: pendulum.xml\ntelemetry_rate_hz: 500\nmotion: {type: recording, file: motion.csv}\n")
     made("tribotwin", "run", "excited.yaml", "-o", "excited", "--quiet")
     made("tribotwin", "export", "excited", "--recording", "--torque-noise", "0.01", "-o", "recorded.csv")
-    made("tribotwin", "dynamics", "pendulum.xml", "recorded.csv", "-o", "robot.yaml", "--quiet")
+    made(
+        "tribotwin",
+        "dynamics",
+        "--friction",
+        "coulomb_viscous",
+        "pendulum.xml",
+        "recorded.csv",
+        "-o",
+        "robot.yaml",
+        "--quiet",
+    )
 
 
 def record_a_session():

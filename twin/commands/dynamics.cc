@@ -34,7 +34,7 @@ using Json = nlohmann::ordered_json;
 using Eigen::Index;
 
 struct Arguments {
-  std::string model, friction = "coulomb_viscous", thermal, robust = "auto";
+  std::string model, friction = "auto", thermal, robust = "auto";
   Destination output;
   TableArguments tables;
   std::vector<std::string> data, coupling, payloads, lag;  // no lag: none, or what --friction auto finds
@@ -375,10 +375,12 @@ DynamicsChoice choice_of(const Arguments& a, const friction::LawInfo* given, con
 
 bool finds_lag(const Arguments& a) { return a.lag == std::vector<std::string>{"auto"}; }
 
-Result<DynamicsFit> fit_of(const Arguments& a, const Robot& robot, const Setting& setting,
+Result<DynamicsFit> fit_of(const Arguments& a, const Robot& robot, const DynamicsChoice& choice,
                            const RobotFriction& friction, std::span<const thermal::Model> models, JointMotion& motion,
                            Progress& progress) {
+  const Setting& setting = choice.setting;
   DynamicsOptions options = options_of(setting, a.threads);
+  if (!choice.fit.base.empty()) options.start = &choice.fit;  // it stays near what was chosen
   options.weigh = !a.unweighted;
   options.essential_only = a.essential;
   options.lag = finds_lag(a) || (a.lag.empty() && !setting.signals.lag_s.empty());
@@ -444,13 +446,17 @@ bool explained_otherwise(const std::vector<Index>& joints, const DynamicsFit& fi
 /// joint of much noise and little torque, or a dead one. None where columns look mistaken: `doubt` refuses.
 std::vector<Index> weak_joints(const Robot& robot, const Fit& fit_of, const JointMotion& motion,
                                const DynamicsFit& fit) {
-  std::vector<Index> weak = unexplained(fit);
-  if (weak.empty() || static_cast<Index>(3 * weak.size()) > robot.regressor.joints()) return {};
-  JointMotion rest = motion;
-  for (const Index j : weak) rest.leave_out(j);
-  const auto without = fit_of(rest);
-  if (!without || !unexplained(*without).empty() || explained_otherwise(weak, fit, motion, fit_of)) return {};
-  return weak;
+  std::vector<Index> weak, more = unexplained(fit);
+  while (!more.empty()) {  // without them another may be explained as badly
+    std::ranges::move(more, std::back_inserter(weak));
+    if (static_cast<Index>(3 * weak.size()) > robot.regressor.joints()) return {};
+    JointMotion rest = motion;
+    for (const Index j : weak) rest.leave_out(j);
+    const auto without = fit_of(rest);
+    if (!without) return {};
+    more = unexplained(*without);
+  }
+  return explained_otherwise(weak, fit, motion, fit_of) ? std::vector<Index>{} : weak;
 }
 
 /// Leaves out those of the weak joints of whose torque the motion explains nothing; says so in the notes.
@@ -636,6 +642,43 @@ void refuse_useless_thermal(const Arguments& a, const Robot& robot, const fricti
         fmt::format("--thermal: friction '{}' does not depend on temperature; --friction polynomial does", law.name));
 }
 
+/// All that is printed.
+struct Report {
+  const Robot& robot;
+  const DynamicsChoice& choice;
+  const DynamicsFit& fit;
+  const Consistency& consistency;
+  const ConsistentDynamics& consistent;
+  const Judgement& judgement;
+  const std::vector<Efficiency>& efficiencies;
+  const Recorded& data;
+  const std::vector<Estimate>& lag;
+  const std::vector<std::string>& left_out;
+};
+
+/// `cutoff_hz`: the one that was used; the setting has 0 for the usual one.
+Json json_of(const Report& r, double cutoff_hz) {
+  Json j = json_of(r.robot, r.fit, r.consistency, r.judgement);
+  j["consistent"] = json_of(r.robot, r.consistent);
+  j["choice"] = json_of(r.choice);
+  j["choice"]["cutoff_hz"] = cutoff_hz;
+  j["efficiency"] = json_of(r.efficiencies);
+  if (r.data.gains) {
+    j["drive_gains"] = json_of(r.data.gains->found, r.data.gains->assumed);
+    for (const auto& text : r.data.gains->notes) j["notes"].push_back(text);
+  }
+  for (const Estimate& e : r.lag)
+    j["lag"][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}};
+  j["left_out"] = json_of(r.robot, r.left_out);
+  return j;
+}
+
+std::string text_of(const Report& r) {
+  return (r.data.gains ? table_of(r.data.gains->found, r.data.gains->assumed, r.data.payloads) : "") +
+         table_of(r.choice) + table_of(r.lag) + table_of(r.robot, r.fit, r.consistency, r.judgement, r.consistent) +
+         table_of(r.efficiencies);
+}
+
 Result<Exit> execute(const Arguments& a) {
   const friction::LawInfo* const given = given_law(a);
   Robot robot = coupled_robot(a.model, a.coupling, a.quiet);
@@ -655,7 +698,7 @@ Result<Exit> execute(const Arguments& a) {
   const auto friction = friction_of(*robot.model, robot.regressor, choice.setting, torque_max_nm, motion);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
-  const Fit again = [&](JointMotion& m) { return fit_of(a, robot, choice.setting, *friction, models, m, progress); };
+  const Fit again = [&](JointMotion& m) { return fit_of(a, robot, choice, *friction, models, m, progress); };
   const bool lag_open = finds_lag(a) || !choice.setting.signals.lag_s.empty();
   auto fit = lag_open ? without_lag(robot, recordings, signals, again, motion, lag) : again(motion);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
@@ -686,24 +729,37 @@ Result<Exit> execute(const Arguments& a) {
     if (auto ok = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, origin), a.output); !ok)
       return ok;
   }
-  if (a.json) {
-    Json j = json_of(robot, *fit, consistency, judgement);
-    j["consistent"] = json_of(robot, consistent);
-    j["choice"] = json_of(choice);
-    j["efficiency"] = json_of(efficiencies);
-    if (data.gains) {
-      j["drive_gains"] = json_of(data.gains->found, data.gains->assumed);
-      for (const auto& text : data.gains->notes) j["notes"].push_back(text);
-    }
-    for (const Estimate& e : lag)
-      j["lag"][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}};
-    j["left_out"] = json_of(robot, left_out);
-    j["choice"]["cutoff_hz"] = motion.cutoff_hz;  // the setting has 0 for the usual one
-    return deliver(j.dump(2) + "\n");
-  }
-  return deliver((data.gains ? table_of(data.gains->found, data.gains->assumed, data.payloads) : "") +
-                 table_of(choice) + table_of(lag) + table_of(robot, *fit, consistency, judgement, consistent) +
-                 table_of(efficiencies));
+  const Report report{robot, choice, *fit, consistency, consistent, judgement, efficiencies, data, lag, left_out};
+  return deliver(a.json ? json_of(report, motion.cutoff_hz).dump(2) + "\n" : text_of(report));
+}
+
+/// Friction, outliers, lags and coupled motors.
+void add_model_options(CLI::App& command, const std::shared_ptr<Arguments>& a) {
+  command
+      .add_option(
+          "--friction", a->friction,
+          "coulomb_viscous, polynomial or another law; auto: by what predicts best in these recordings, as cut-off, "
+          "outliers, prior and more that are not given")
+      ->capture_default_str();
+  command.add_flag("--no-offset", a->no_offset, "No torque offset beside the law");
+  command
+      .add_option(
+          "--lag", a->lag,
+          "How late torques were recorded behind positions, which is removed: none (default), auto (found from the "
+          "data, as --friction auto does where it predicts better), or seconds, one for all joints or one each as A,B")
+      ->delimiter(',');
+  command.add_flag("--asymmetry", a->asymmetry, "Friction forward and reverse may differ by a factor");
+  command.add_option("--robust", a->robust, "Loss for data with outliers")
+      ->check(CLI::IsMember({"auto", "none", "huber", "tukey"}))
+      ->capture_default_str();
+  command
+      .add_option(
+          "--coupling", a->coupling,
+          "JOINT=SUM: the motor of JOINT turns with several joints, as in wrists: \"joint6 = joint5 + joint6\"; may "
+          "be repeated (default: as the model's actuators on tendons say, or what --friction auto finds); none: no "
+          "motor "
+          "does")
+      ->allow_extra_args(false);
 }
 
 }  // namespace
@@ -718,25 +774,7 @@ void add_dynamics(CLI::App& app, int& code) {
                 "torque_JOINT_nm (_n), optionally velocity_JOINT_rad_s, "
                 "temperature_JOINT_degC")
       ->required();
-  c->add_option("--friction", a->friction,
-                "coulomb_viscous, polynomial or another law; auto: by what predicts best in these recordings")
-      ->capture_default_str();
-  c->add_flag("--no-offset", a->no_offset, "No torque offset beside the law");
-  c->add_option(
-       "--lag", a->lag,
-       "How late torques were recorded behind positions, which is removed: none (default), auto (found from the "
-       "data, as --friction auto does where it predicts better), or seconds, one for all joints or one each as A,B")
-      ->delimiter(',');
-  c->add_flag("--asymmetry", a->asymmetry, "Friction forward and reverse may differ by a factor");
-  c->add_option("--robust", a->robust, "Loss for data with outliers")
-      ->check(CLI::IsMember({"auto", "none", "huber", "tukey"}))
-      ->capture_default_str();
-  c->add_option(
-       "--coupling", a->coupling,
-       "JOINT=SUM: the motor of JOINT turns with several joints, as in wrists: \"joint6 = joint5 + joint6\"; may "
-       "be repeated (default: as the model's actuators on tendons say, or what --friction auto finds); none: no motor "
-       "does")
-      ->allow_extra_args(false);
+  add_model_options(*c, a);
   add_payload(*c, a->payloads);
   c->add_flag("--drive-gains", a->drive_gains,
               "Identify torque constant x gear ratio of every joint from current_JOINT_a, or a factor that corrects "

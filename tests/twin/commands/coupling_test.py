@@ -52,7 +52,8 @@ def run(*arguments, code=0):
 
 
 def fit(*arguments):
-    return json.loads(run("dynamics", *arguments, "--json", "--force").stdout)
+    law = () if "--friction" in arguments else ("--friction", "coulomb_viscous")
+    return json.loads(run("dynamics", *arguments, *law, "--json", "--force").stdout)
 
 
 def errors(model, data):

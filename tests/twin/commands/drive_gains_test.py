@@ -79,7 +79,7 @@ record("loaded", 3, loaded)
 record("test", 6, LINKS)
 record("test_loaded", 7, loaded)
 KNOWN = ["--payload", "loaded.csv=2 kg +- 0.01 at 0.1 0 0", "--drive-gains"]
-FIT = ["dynamics", "arm.xml", "bare.csv", "loaded.csv"]
+FIT = ["dynamics", "--friction", "coulomb_viscous", "arm.xml", "bare.csv", "loaded.csv"]
 
 found = json.loads(run(*FIT, *KNOWN, "--json", "-o", "robot.yaml").stdout)
 for joint, truth in zip(("shoulder", "elbow"), GAIN):
@@ -119,7 +119,11 @@ check("predict corrects", max(errors("test.csv")) < 0.3, errors("test.csv"))
 record("currents", 3, loaded)
 for name, says, arguments in (
     ("no payload", ["--drive-gains", "Record the same motions once more with a payload"], [*FIT, "--drive-gains"]),
-    ("always loaded", ["once more without it"], ["dynamics", "arm.xml", "loaded.csv", *KNOWN]),
+    (
+        "always loaded",
+        ["once more without it"],
+        ["dynamics", "--friction", "coulomb_viscous", "arm.xml", "loaded.csv", *KNOWN],
+    ),
     (
         "not a recording",
         ["'other.csv' is none of the recordings"],
@@ -135,7 +139,17 @@ for name, says, arguments in (
     (
         "currents beside torques",
         ["the gain of one is not that of the other"],
-        ["dynamics", "arm.xml", "bare.csv", "currents.csv", "--payload", "currents.csv=2 kg", "--drive-gains"],
+        [
+            "dynamics",
+            "--friction",
+            "coulomb_viscous",
+            "arm.xml",
+            "bare.csv",
+            "currents.csv",
+            "--payload",
+            "currents.csv=2 kg",
+            "--drive-gains",
+        ],
     ),
     ("not the payload's", ["the wrong way"], [*FIT, "--payload", "bare.csv=2 kg at 0.1 0 0", "--drive-gains"]),
 ):

@@ -173,7 +173,7 @@ refused(
     "--site",
     "tool",
 )
-linear = json.loads(run("dynamics", model, "excited.csv", "--json", "--quiet").stdout)
+linear = json.loads(run("dynamics", "--friction", "coulomb_viscous", model, "excited.csv", "--json", "--quiet").stdout)
 check(
     "one law for all temperatures is worse",
     linear["relative_error"] > 1.5 * fit["relative_error"],
@@ -239,6 +239,8 @@ refused(
     "position and torque swapped",
     ["position_joint2_rad", "torque"],
     "dynamics",
+    "--friction",
+    "coulomb_viscous",
     model,
     broken("a.csv", swap("position_joint2_rad", "torque_joint2_nm")),
 )
@@ -246,6 +248,8 @@ refused(
     "degrees",
     ["position_joint3_rad", "degrees"],
     "dynamics",
+    "--friction",
+    "coulomb_viscous",
     model,
     broken("b.csv", scaled("position_joint3_rad", 57.29578)),
 )
@@ -253,6 +257,8 @@ refused(
     "a joint is missing",
     ["position_joint4_rad", "joint4"],
     "dynamics",
+    "--friction",
+    "coulomb_viscous",
     model,
     broken("c.csv", without("position_joint4_rad")),
 )
@@ -263,7 +269,15 @@ def no_torque(d, n):
         n[n.index(f"torque_joint{j}_nm")] = f"effort_{j}"
 
 
-refused("no torque at all", ["torque_joint1_nm"], "dynamics", model, broken("d.csv", no_torque))
+refused(
+    "no torque at all",
+    ["torque_joint1_nm"],
+    "dynamics",
+    "--friction",
+    "coulomb_viscous",
+    model,
+    broken("d.csv", no_torque),
+)
 for what, change, reason in (
     ("not recorded", without("torque_joint5_nm"), "not recorded"),
     (
@@ -272,7 +286,9 @@ for what, change, reason in (
         "motion explains only",
     ),
 ):
-    r = run("dynamics", model, broken("d.csv", change), "-o", "d.yaml", "--force", "--json")
+    r = run(
+        "dynamics", "--friction", "coulomb_viscous", model, broken("d.csv", change), "-o", "d.yaml", "--force", "--json"
+    )
     fit = json.loads(r.stdout)
     check(
         f"a torque is {what}: the other joints are identified, and it is said",
@@ -301,6 +317,8 @@ check(
 )
 r = run(
     "dynamics",
+    "--friction",
+    "coulomb_viscous",
     model,
     broken("d.csv", changed("torque_joint5_nm", lambda x: 0.3 + np.random.default_rng(3).normal(0, 0.2, len(x)))),
 )
@@ -314,18 +332,45 @@ refused(
     ["--wrench", "joint5"],
     *("predict", model, "d.yaml", "cold.csv", "--wrench", "w.csv"),
 )
-refused("the robot stands", ["stands"], "dynamics", model, broken("e.csv", standing))
-refused("time goes back", ["time_s", "does not come after"], "dynamics", model, broken("f.csv", lambda d, n: d[::-1]))
-refused("sign of a torque", ["torque_joint1_nm"], "dynamics", model, broken("g.csv", scaled("torque_joint1_nm", -1)))
+refused("the robot stands", ["stands"], "dynamics", "--friction", "coulomb_viscous", model, broken("e.csv", standing))
+refused(
+    "time goes back",
+    ["time_s", "does not come after"],
+    "dynamics",
+    "--friction",
+    "coulomb_viscous",
+    model,
+    broken("f.csv", lambda d, n: d[::-1]),
+)
+refused(
+    "sign of a torque",
+    ["torque_joint1_nm"],
+    "dynamics",
+    "--friction",
+    "coulomb_viscous",
+    model,
+    broken("g.csv", scaled("torque_joint1_nm", -1)),
+)
 refused(
     "torques of two joints swapped",
     ["torque of another joint"],
     "dynamics",
+    "--friction",
+    "coulomb_viscous",
     model,
     broken("h.csv", swap("torque_joint1_nm", "torque_joint6_nm")),
 )
 shutil.copy(f"{work}/cold.csv", f"{work}/again.csv")
-refused("a file twice", ["cold.csv and again.csv", "same content"], "dynamics", model, "cold.csv", "again.csv")
+refused(
+    "a file twice",
+    ["cold.csv and again.csv", "same content"],
+    "dynamics",
+    "--friction",
+    "coulomb_viscous",
+    model,
+    "cold.csv",
+    "again.csv",
+)
 shutil.copy(f"{source}/mjcf/scene.xml", work)
 with open(f"{work}/wide.xml", "w") as f:
     f.write(open(model).read().replace('range="-1.5708 2.2689"', 'range="-4 4"'))
@@ -333,6 +378,8 @@ refused(
     "currents without a constant",
     ["torque_joint2_nm", "current_joint2_a is there", "--torque-constant joint2=KT"],
     "dynamics",
+    "--friction",
+    "coulomb_viscous",
     model,
     broken("m.csv", renamed("torque_joint2_nm", "current_joint2_a")),
 )
@@ -341,9 +388,9 @@ for name, column, change, says in (
     ("mNm as Nm", "torque_joint3_nm", lambda x: 1000 * x, ["torque_joint3_nm exceeds", "actuator", "mNm"]),
     ("another zero", "position_joint2_rad", lambda x: x - np.pi / 2, ["90 degrees added to position_joint2_rad"]),
 ):
-    r = run("dynamics", "wide.xml", broken("n.csv", changed(column, change)))
+    r = run("dynamics", "--friction", "coulomb_viscous", "wide.xml", broken("n.csv", changed(column, change)))
     check(f"{name} is told", all(text in r.stderr for text in says), r.stderr)
-r = run("dynamics", model, "cold.csv")
+r = run("dynamics", "--friction", "coulomb_viscous", model, "cold.csv")
 check("... and nothing of the robot's own", "gravity" not in r.stderr and "actuator" not in r.stderr, r.stderr)
 refused("no such law", ["coulomb_viscous", "did you mean"], "dynamics", model, "cold.csv", "--friction", "polynomal")
 refused(
@@ -354,7 +401,15 @@ refused(
     "params.yaml",
     "cold.csv",
 )
-refused("an elastic joint", ["elastic"], "dynamics", f"{source}/mjcf/rh380n_bench.xml", "cold.csv")
+refused(
+    "an elastic joint",
+    ["elastic"],
+    "dynamics",
+    "--friction",
+    "coulomb_viscous",
+    f"{source}/mjcf/rh380n_bench.xml",
+    "cold.csv",
+)
 random = np.random.default_rng(1)
 
 
@@ -365,7 +420,7 @@ def jittery(d, n):
     d[:, 0] = t
 
 
-r = run("dynamics", model, broken("i.csv", jittery), "--json")
+r = run("dynamics", "--friction", "coulomb_viscous", model, broken("i.csv", jittery), "--json")
 check(
     "time that is not equidistant is said and used",
     "not equidistant" in r.stderr and json.loads(r.stdout)["relative_error"] < 0.1,
@@ -397,9 +452,9 @@ def gap(d, n):
     return np.vstack([whole[: before + 1], later]) if before < after else later
 
 
-r = run("dynamics", model, broken("gap.csv", gap), "--json")
+r = run("dynamics", "--friction", "coulomb_viscous", model, broken("gap.csv", gap), "--json")
 check("a gap is no other velocity", "1 gaps in time_s" in r.stderr, r.stderr)
-r = run("dynamics", model, broken("j.csv", holes), "--json")
+r = run("dynamics", "--friction", "coulomb_viscous", model, broken("j.csv", holes), "--json")
 check(
     "rows with NaN are gaps, said and left out",
     "4 rows" in r.stderr and "line 1002" in r.stderr and json.loads(r.stdout)["relative_error"] < 0.1,
@@ -409,10 +464,20 @@ refused(
     "nothing but NaN",
     ["0 rows of finite numbers"],
     "dynamics",
+    "--friction",
+    "coulomb_viscous",
     model,
     broken("k.csv", scaled("torque_joint2_nm", np.nan)),
 )
-refused("one joint stands", ["joint5", "stands"], "dynamics", model, broken("l.csv", still("position_joint5_rad")))
+refused(
+    "one joint stands",
+    ["joint5", "stands"],
+    "dynamics",
+    "--friction",
+    "coulomb_viscous",
+    model,
+    broken("l.csv", still("position_joint5_rad")),
+)
 
 
 def trembling(d, n):
@@ -451,7 +516,7 @@ write(
     ["time_s", "position_x_m", "torque_x_n"],
     [t, x, 3.5 * a + 2 * np.sign(v) + 4 * v + 0.3 + random.normal(0, 0.05, len(t))],
 )
-s = json.loads(run("dynamics", "slide.xml", "slide.csv", "--json").stdout)
+s = json.loads(run("dynamics", "--friction", "coulomb_viscous", "slide.xml", "slide.csv", "--json").stdout)
 mass, friction = s["base_parameters"]["cart.m"], s["friction"]["x"]
 check(
     "the cut-off that was used, and one file", s["choice"]["cutoff_hz"] == 20 and s["between_files"] == 1, s["choice"]
@@ -505,7 +570,7 @@ write(
     ["time_s", "position_x_m", "torque_x_n"],
     [t, slow[0], 3.5 * slow[2] + 2 * np.sign(slow[1]) + 4 * slow[1] + random.normal(0, 1, len(t))],
 )
-run("dynamics", "slide.xml", "slow.csv", "-o", "slow.yaml", "--quiet")
+run("dynamics", "--friction", "coulomb_viscous", "slide.xml", "slow.csv", "-o", "slow.yaml", "--quiet")
 for known in ("--given", "slow.csv"), ("--params", "slow.yaml"):
     r = run("excite", "slide.xml", *known, "-o", "next.csv", "--evaluations", 20, "--heating", 0, "--json", "--force")
     d = json.loads(r.stdout)["friction"]
@@ -532,14 +597,16 @@ for says, options in (
 ):
     refused(f"excite {options}", says, "excite", "slide.xml", "-o", "next.csv", *options)
 check("no motion is written then", not os.path.exists(f"{work}/next.csv"))
-refused("a slide's column in rad", ["position_x_m"], "dynamics", "slide.xml", "cold.csv")
+refused(
+    "a slide's column in rad", ["position_x_m"], "dynamics", "--friction", "coulomb_viscous", "slide.xml", "cold.csv"
+)
 outlying = 3.5 * a + 2 * np.sign(v) + 4 * v + 0.3 + random.normal(0, 0.05, len(t))
 outlying[2000:2050] += 40
 write("outliers.csv", ["time_s", "position_x_m", "torque_x_n"], [t, x, outlying])
 plain, robust = (
-    json.loads(run("dynamics", "slide.xml", "outliers.csv", "--json", "--robust", loss).stdout)["base_parameters"][
-        "cart.m"
-    ]["value"]
+    json.loads(
+        run("dynamics", "--friction", "coulomb_viscous", "slide.xml", "outliers.csv", "--json", "--robust", loss).stdout
+    )["base_parameters"]["cart.m"]["value"]
     for loss in ("none", "tukey")
 )
 check("outliers: tukey is ten times nearer", abs(robust - 3.5) < 0.1 * abs(plain - 3.5), (plain, robust))
@@ -549,7 +616,7 @@ step_s = t[1] - t[0]
 on_time = 3.5 * a + 2 * np.sign(v) + 4 * v + 0.3 + random.normal(0, 0.05, len(t))
 for name, torque in (("prompt", on_time), ("late", np.r_[on_time[:2], on_time[:-2]])):
     write(f"{name}.csv", ["time_s", "position_x_m", "torque_x_n"], [t, x, torque])
-with_lag = ["dynamics", "slide.xml", "late.csv", "--lag"]
+with_lag = ["dynamics", "--friction", "coulomb_viscous", "slide.xml", "late.csv", "--lag"]
 found = json.loads(run(*with_lag, "auto", "-o", "late.yaml", "--json").stdout)
 lag = found["lag"]["x"]
 check("the lag is found", abs(lag["value"] - 2 * step_s) < 3 * lag["sigma"] < step_s, (lag, step_s))
@@ -591,13 +658,13 @@ columns = ["time_s"] + [
 ]
 write("explained.csv", columns, [t, q, torque])
 write("rippled.csv", columns, [t, q, torque + np.column_stack([0 * t, 5 * np.sin(9 * q[:, 1])])])
-good = run("dynamics", "two.xml", "explained.csv", "-o", "two.yaml", "--cutoff", 10)
+good = run("dynamics", "--friction", "coulomb_viscous", "two.xml", "explained.csv", "-o", "two.yaml", "--cutoff", 10)
 check(
     "well explained: bodies are judged, no warning",
     "bodies have these" in good.stdout and "unexplained" not in good.stderr,
     good,
 )
-bad = run("dynamics", "two.xml", "rippled.csv", "--cutoff", 10)
+bad = run("dynamics", "--friction", "coulomb_viscous", "two.xml", "rippled.csv", "--cutoff", 10)
 check(
     "badly explained: warned of, bodies are not judged",
     "cannot be said while elbow is badly explained" in bad.stdout
@@ -608,7 +675,11 @@ check(
     ),
     (bad.stdout, bad.stderr),
 )
-j = json.loads(run("dynamics", "two.xml", "rippled.csv", "--cutoff", 10, "--json", "--quiet").stdout)
+j = json.loads(
+    run(
+        "dynamics", "--friction", "coulomb_viscous", "two.xml", "rippled.csv", "--cutoff", 10, "--json", "--quiet"
+    ).stdout
+)
 check(
     "JSON has the same",
     j["joints"]["elbow"]["verdict"]["badly_explained"]
@@ -669,7 +740,7 @@ refused("ranges that are none", ["bad.yaml", "speed", "LOWEST"], "predict", "two
 # ---- Torques that no real bodies need: a forearm of negative inertia.
 phi = -0.4 * np.gradient(np.gradient(q[:, 1], t), t)
 write("unreal.csv", columns, [t, q, torque + np.column_stack([0 * t, phi])])
-r = run("dynamics", "two.xml", "unreal.csv", "-o", "unreal.yaml", "--cutoff", 10)
+r = run("dynamics", "--friction", "coulomb_viscous", "two.xml", "unreal.csv", "-o", "unreal.yaml", "--cutoff", 10)
 check(
     "a negative inertia is named, with its sigma",
     re.search(r"\+- \S+ kg m\^2: negative, \S+ sigma below 0", r.stderr)
@@ -702,7 +773,7 @@ np.savetxt(
     comments="",
     fmt="%.8g",
 )
-for command in (("dynamics", "two.xml"), ("predict", "two.xml", "two.yaml")):
+for command in (("dynamics", "--friction", "coulomb_viscous", "two.xml"), ("predict", "two.xml", "two.yaml")):
     refused(
         f"{command[0]}: the same recording twice",
         ["explained.csv and again.csv are the same recording"],

@@ -346,7 +346,9 @@ for j in range(1, 7):
     q = values[:, names.index(f"position_joint{j}_rad")]
     columns[f"velocity_joint{j}_rad_s"] = np.gradient(q, values[:, 0])[cut]
 write("cut.csv", columns)
-tribotwin("dynamics", model, "cut.csv", "--cutoff", 10, "--quiet")  # no slope is taken across a gap
+tribotwin(
+    "dynamics", "--friction", "coulomb_viscous", model, "cut.csv", "--cutoff", 10, "--quiet"
+)  # no slope is taken across a gap
 known = fit(
     "warm6.csv", "--cycle", periods.split(",")[0], "--rested", "--order", 2, "--alpha", -0.0128, "-o", "kelvin.yaml"
 )["joint5"]["parameters"]
@@ -499,6 +501,8 @@ refused_by(
     "friction that does not know temperature",
     ["coulomb_viscous", "polynomial"],
     "dynamics",
+    "--friction",
+    "coulomb_viscous",
     model,
     "cold.csv",
     "--thermal",

@@ -95,7 +95,9 @@ for model, ratio, guess in (
     ("arm.xml", ["--gear-ratio", "50"], False),
     ("known.xml", [], False),
 ):
-    r = run("dynamics", model, "currents.csv", "--torque-constant", "shoulder=0.1", *ratio)
+    r = run(
+        "dynamics", "--friction", "coulomb_viscous", model, "currents.csv", "--torque-constant", "shoulder=0.1", *ratio
+    )
     said = "shoulder: --torque-constant uses gear ratio 100, which is a guess" in r.stderr
     check("a guessed gear ratio of currents: %s %s" % (model, ratio), said == guess, r.stderr)
 r = run("export", "params.yaml", "--mjcf", "--tau-max", "130", "--gear-ratio", "100", "--name", "shoulder")

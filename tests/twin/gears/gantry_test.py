@@ -82,7 +82,7 @@ r = run("export", "w", "--recording", "-o", "rec.csv")
 check("export --recording", "position_hub_m,torque_hub_n,temperature_hub_degC" in content("rec.csv"), r.stderr)
 errors = {}
 for data in ("w", "all.csv", "rec.csv"):
-    r = run("dynamics", "g.xml", data, "-o", data + ".yaml", "--quiet")
+    r = run("dynamics", "--friction", "coulomb_viscous", "g.xml", data, "-o", data + ".yaml", "--quiet")
     check(
         "dynamics of " + data, r.returncode == 0 and "N s/m" in r.stdout and "Nm" not in r.stdout, r.stdout + r.stderr
     )

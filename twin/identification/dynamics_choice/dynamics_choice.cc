@@ -31,9 +31,10 @@ constexpr double hopeless = 0.1, hopeless_sigmas = 4;
 constexpr double coupled_gain = 0.02, coupled_sigmas = 4;
 constexpr unsigned most_folds = 10, folds_of_time = 12;
 constexpr Index stretch_count = 40;
+constexpr double most_samples = 4000;
 /// Of the top speed of each joint, within which friction may fall.
 constexpr double stribeck_shares[] = {0.02, 0.05, 0.1, 0.2, 0.4};
-constexpr double enough_samples = 30;
+constexpr double enough_samples = 8;
 
 class Chooser {
  public:
@@ -79,7 +80,9 @@ class Chooser {
     auto widest = prepare(recordings_, regressor_, s.signals);
     if (!widest) return tl::unexpected(widest.error());
     set_cutoffs(*widest);
-    s.signals.cutoff_hz = s.signals.widest_hz = widest_hz();
+    s.signals.cutoff_hz = widest_hz();
+    // Samples of long recordings are thinned: a choice needs fewer than the fit.
+    s.signals.widest_hz = widest_hz() * std::min(1.0, most_samples / static_cast<double>(widest->size()));
     s.signals.narrowest_hz = cutoffs_.back();
     auto target = prepare(recordings_, regressor_, s.signals);
     if (!target) return tl::unexpected(target.error());
@@ -162,12 +165,16 @@ class Chooser {
     return Tried{std::move(candidate), out_.trials.size() - 1, *std::move(motion), *std::move(found), c};
   }
 
-  /// What is impossible in a fit: friction near rest that drives the motion, by more than its sigma; else empty.
+  /// What is impossible in a fit: friction near rest that drives the motion, by more than its sigma, or that falls with
+  /// load, by more than three; else empty.
   std::string driving(const DynamicsFit& fit) const {
     for (Index r = 0; r < regressor_.joints(); ++r) {
       double level = 0, variance = 0;
       for (const Estimate& e : fit.friction[static_cast<std::size_t>(r)])
-        if (e.name == "Fc" || e.name == "Fs") level += e.value, variance += e.sigma * e.sigma;
+        if (e.name == "Fc" || e.name == "Fs")
+          level += e.value, variance += e.sigma * e.sigma;
+        else if (e.name == "Fcl" && e.value < -3 * e.sigma)
+          return fmt::format("friction of {} would fall with load", regressor_.rotor_name(r));
       if (level < -std::sqrt(variance)) return fmt::format("friction of {} would drive it", regressor_.rotor_name(r));
     }
     return {};
@@ -181,6 +188,7 @@ class Chooser {
   }
 
   void take(Tried&& t) {
+    since_.clear();
     out_.trials[t.trial].taken = true;
     out_.setting = std::move(t.candidate.setting);
     motion_ = std::move(t.motion);
@@ -202,30 +210,27 @@ class Chooser {
   /// Steps to the candidate that is better by the most, until none is. After a step those are tried first that were the
   /// best before it; the end is where all have been tried since the last step.
   void search() {
-    std::map<std::string, double> last;  ///< change of every candidate when it was last tried
-    std::set<std::string> since;         ///< those tried since the last step
     for (bool all = true;;) {
       std::vector<Candidate> open = candidates();
       const auto change_of = [&](const Candidate& c) {
-        const auto at = last.find(c.what);
-        return at == last.end() ? -std::numeric_limits<double>::infinity() : at->second;
+        const auto at = last_.find(c.what);
+        return at == last_.end() ? -std::numeric_limits<double>::infinity() : at->second;
       };
       std::ranges::stable_sort(open, {}, change_of);
       std::optional<Tried> best;
       for (Candidate& candidate : open) {
         const double before = change_of(candidate);
-        if (before == std::numeric_limits<double>::infinity() || since.contains(candidate.what)) continue;
+        if (before == std::numeric_limits<double>::infinity() || since_.contains(candidate.what)) continue;
         if (!all && (before > -least_gain || (best && before > best->comparison.change))) break;
         const std::string what = candidate.what;
         auto t = tried(std::move(candidate));
-        last[what] = worth_of(t);
-        since.insert(what);
+        last_[what] = worth_of(t);
+        since_.insert(what);
         if (t && is_better(t->comparison) && (!best || t->comparison.change < best->comparison.change))
           best = std::move(t);
       }
       if (best) {
-        last.erase(best->candidate.what);
-        since.clear();
+        last_.erase(best->candidate.what);
         take(*std::move(best));
       } else if (all) {
         return;
@@ -315,12 +320,18 @@ class Chooser {
     std::vector<double> before;
     for (const double share : stribeck_shares)
       if (const auto shares = shown_shares(share); std::exchange(before, shares) != shares)
-        add(out, fmt::format("friction that falls within {:g} % of the top speed", 100 * share), [&](Setting& s) {
+        add(out, "friction that falls within " + text_of(shares) + " of the top speed", [&](Setting& s) {
           s.law = with_stribeck(*s.law);
           s.stribeck_share = shares;
         });
     // A cubic of the speed goes astray beyond the speeds of the recordings; it is worth that for its temperature.
     if (target_.motion.has_temperature) add_law(friction::find_law("polynomial"));
+  }
+
+  /// "5 %", or "5 to 20 %"
+  static std::string text_of(const std::vector<double>& shares) {
+    const auto [least, most] = std::ranges::minmax(shares);
+    return least == most ? fmt::format("{:g} %", 100 * least) : fmt::format("{:g} to {:g} %", 100 * least, 100 * most);
   }
 
   /// Per rotor, the share of its top speed or the smallest wider one within which enough samples lie to tell friction.
@@ -334,19 +345,20 @@ class Chooser {
     return out;
   }
 
-  /// Samples that count within this share of the rotor's top speed, two per period of the cut-off; of stays there that
-  /// are shorter than a period the filter leaves too little.
+  /// Samples that count within this share of the rotor's top speed, two per period of the cut-off. Where those near
+  /// reversals count, of stays that are shorter than a period the filter leaves too little.
   double independent_samples(Index rotor, double share) const {
     const Index j = regressor_.joint_of(rotor);
     VectorXd speed(motion_.size());
     for (Index i = 0; i < motion_.size(); ++i) speed(i) = std::abs(regressor_.speed(rotor, motion_.qd.col(i)));
-    const double within = share * speed.maxCoeff(), per_period = 1 / (motion_.cutoff_hz * motion_.period_s);
+    const double within = share * speed.maxCoeff(), per_period = 1 / (motion_.cutoff_hz * motion_.period_s),
+                 shortest = out_.setting.signals.reversals ? per_period : 1;
     double count = 0, stay = 0;
     for (Index i = 0; i <= motion_.size(); ++i)
       if (i < motion_.size() && motion_.moving(j, i) && speed(i) < within)
         ++stay;
       else
-        count += stay >= per_period ? stay : 0, stay = 0;
+        count += stay >= shortest ? stay : 0, stay = 0;
     return count * std::min(1.0, 2 / per_period);
   }
 
@@ -452,7 +464,8 @@ class Chooser {
     if (decided_.law || with_stribeck(*out_.setting.law) != out_.setting.law) return;
     std::vector<Shares> of_all;
     for (const double share : stribeck_shares)
-      try_shares(fmt::format("... within {:g} %", 100 * share), shown_shares(share), of_all);
+      if (const auto shares = shown_shares(share); of_all.empty() || shares != of_all.back().share)
+        try_shares("... within " + text_of(shares), shares, of_all);
     try_shares("... of each joint's own", best_of(of_all), of_all);
     for (const double step : {1.4, 1.18}) {
       const std::vector<double> middle = out_.setting.stribeck_share;
@@ -512,6 +525,8 @@ class Chooser {
   Target target_;
   JointMotion motion_;  ///< with the signals of the best setting
   HeldOut best_;
+  std::map<std::string, double> last_;  ///< change of every candidate of a search when it was last tried
+  std::set<std::string> since_;         ///< those tried since the last step
   double done_ = 0;
 };
 

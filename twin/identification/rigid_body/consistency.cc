@@ -241,7 +241,7 @@ void change_friction(const RobotFriction& friction, Index base_size, const std::
 }  // namespace
 
 bool contradicted(double distance_sigma, Index base_size) {
-  return distance_sigma > 3 * std::sqrt(chi_squared_quantile(static_cast<double>(base_size), 0.95));
+  return distance_sigma > 1.5 * std::sqrt(chi_squared_quantile(static_cast<double>(base_size), 0.95));
 }
 
 Consistency nearest_consistent(const Regressor& regressor, const BaseParameters& base, const VectorXd& beta,

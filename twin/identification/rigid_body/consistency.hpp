@@ -27,7 +27,7 @@ struct Consistency {
   Eigen::VectorXd parameters;  ///< of bodies that have them, those nearest to the model's; order of the regressor
 };
 
-/// Whether the data contradict every real body beyond doubt: the distance is over three times its 95 % quantile. Sigmas
+/// Whether the data contradict every real body beyond doubt: the distance is over 1.5 times its 95 % quantile. Sigmas
 /// of a model that does not fit are too small by a factor of up to two (UR10e), and bodies are real: within that
 /// the misfit is rather another's, of friction or signals.
 bool contradicted(double distance_sigma, Eigen::Index base_size);

@@ -421,7 +421,9 @@ class Identification {
 
   /// Gauss-Newton with shortened steps; reweighted after every step.
   void iterate() {
-    const int max_passes = options_.folds > 1 ? 12 : 40;  // folds are trials: what does not converge is no candidate
+    const bool trial = options_.folds > 1;  // what does not converge is no candidate
+    const int max_passes = trial ? 6 : 40;
+    const double at_rest = trial ? 0.1 : 1e-2;
     RobotParameters best = now_;
     VectorXd step;
     double share = 1, cost = 0;
@@ -448,7 +450,7 @@ class Identification {
       const double largest =
           step.size() ? step.cwiseQuotient(unit_covariance(R_).diagonal().cwiseSqrt()).cwiseAbs().maxCoeff() : 0;
       progress(0.3 + 0.7 * std::min(1.0, (k + 1) / 6.0));
-      if (largest < 1e-2) return;
+      if (largest < at_rest) return;
       if (k >= max_passes) {
         out_.notes.push_back(
             fmt::format("after {} steps parameters still move by {:.2g} of their sigmas", max_passes, largest));
@@ -675,6 +677,7 @@ class Identification {
   void keep_objective() {
     for (Index k = 0; k < base_.size(); ++k)
       if (!excluded(k)) problem_.release(k);
+    for (Index j = 0; j < joints() && options_.lag; ++j) problem_.fix(problem_.lag_at(j));  // of the recordings
     const MatrixXd R = factor(pass_);
     out_.objective = R.topLeftCorner(R.cols() - 1, R.cols() - 1);
     out_.unknowns = order_;

@@ -172,7 +172,19 @@ with open(path("foreign.csv"), "w", newline="", encoding="utf-8-sig") as f:
     f.write("".join(";".join(row) + "\r\n" for row in rows).replace("Zeit [ms]", "time_ms"))
 constants = ["--torque-constant", "0.05", "--torque-constant", "j_2=0.08"]
 
-reference = json.loads(run("dynamics", "arm.xml", "rec/telemetry.csv", "-o", "params.yaml", "--json", "--quiet").stdout)
+reference = json.loads(
+    run(
+        "dynamics",
+        "--friction",
+        "coulomb_viscous",
+        "arm.xml",
+        "rec/telemetry.csv",
+        "-o",
+        "params.yaml",
+        "--json",
+        "--quiet",
+    ).stdout
+)
 predicted = json.loads(run("predict", "arm.xml", "params.yaml", "rec", "-o", "predicted.csv", "--json").stdout)
 for name, options in {
     "rec": [],
@@ -190,7 +202,9 @@ for name, options in {
     "rec.mcap": [],
     "rec/telemetry.mcap": ["--topic", "/joint_states"],
 }.items():
-    fit = json.loads(run("dynamics", "arm.xml", name, *options, "--json", "--quiet").stdout or "{}")
+    fit = json.loads(
+        run("dynamics", "--friction", "coulomb_viscous", "arm.xml", name, *options, "--json", "--quiet").stdout or "{}"
+    )
     # The distance to the nearest possible bodies is searched for, and ends elsewhere within its tolerance.
     for result in (fit, reference):
         result.pop("distance_sigma", None)
@@ -198,7 +212,7 @@ for name, options in {
     if "position" in options or name in ("rec.npy", "rec.mat", "foreign.csv", "rec.mcap"):
         e = json.loads(run("predict", "arm.xml", "params.yaml", name, *options, "--json").stdout or "{}")
         same(f"predict of {name}", predicted, e)
-p = run("dynamics", "arm.xml", "rec.mcap")
+p = run("dynamics", "--friction", "coulomb_viscous", "arm.xml", "rec.mcap")
 check(
     "which topic and time are said", "topic '/joint_states', 2500 messages; time is header.stamp" in p.stderr, p.stderr
 )
@@ -207,12 +221,17 @@ with open(path("rec.mcap"), "rb") as f:
     whole = f.read()
 with open(path("cut.mcap"), "wb") as f:
     f.write(whole[: len(whole) * 2 // 3])
-p = run("dynamics", "arm.xml", "cut.mcap")
+p = run("dynamics", "--friction", "coulomb_viscous", "arm.xml", "cut.mcap")
 check("a recorder that was killed: its chunks are read, and it is said", "cut.mcap: IS CUT OFF" in p.stderr, p.stderr)
 with open(path("damaged.mcap"), "wb") as f:
     f.write(whole[:5000] + b"x" + whole[5001:])
-refused("damage", ["damaged.mcap: byte ", "damaged"], "dynamics", "arm.xml", "damaged.mcap")
-check("what a controller records, too", run("dynamics", "arm.xml", "controller.csv", "--quiet").returncode == 0)
+refused(
+    "damage", ["damaged.mcap: byte ", "damaged"], "dynamics", "--friction", "coulomb_viscous", "arm.xml", "damaged.mcap"
+)
+check(
+    "what a controller records, too",
+    run("dynamics", "--friction", "coulomb_viscous", "arm.xml", "controller.csv", "--quiet").returncode == 0,
+)
 p = run(
     "diagnose", "residuals", "predicted.csv", "--joint", "j_2", "--window", 0.5, "--learn", 8, "--json", code=None or 0
 )
@@ -253,15 +272,27 @@ refused(
     "amperes under a torque's name",
     ["amperes.csv:1: ", "'torque_j_2_A'", "a current", "current_JOINT_a", "--torque-constant"],
     "dynamics",
+    "--friction",
+    "coulomb_viscous",
     "arm.xml",
     "amperes.csv",
     *constants,
 )
-refused("a current without a constant", ["foreign.csv:1: ", "torque_"], "dynamics", "arm.xml", "foreign.csv")
+refused(
+    "a current without a constant",
+    ["foreign.csv:1: ", "torque_"],
+    "dynamics",
+    "--friction",
+    "coulomb_viscous",
+    "arm.xml",
+    "foreign.csv",
+)
 refused(
     "a constant of another joint",
     ["foreign.csv:1: ", "--torque-constant"],
     "dynamics",
+    "--friction",
+    "coulomb_viscous",
     "arm.xml",
     "foreign.csv",
     "--torque-constant",
@@ -269,16 +300,31 @@ refused(
 )
 for value in ("x", "-1", "j_2=", "j_2=nan"):
     refused(
-        "a constant " + value, ["--torque-constant"], "dynamics", "arm.xml", "foreign.csv", "--torque-constant", value
+        "a constant " + value,
+        ["--torque-constant"],
+        "dynamics",
+        "--friction",
+        "coulomb_viscous",
+        "arm.xml",
+        "foreign.csv",
+        "--torque-constant",
+        value,
     )
 write("grad.csv", content("foreign.csv").replace("j_2.position_deg", "j_2.position_grad"))
 refused(
-    "gradians", ["grad.csv:1: ", "'j_2.position_grad'", "rad, mrad, deg"], "dynamics", "arm.xml", "grad.csv", *constants
+    "gradians",
+    ["grad.csv:1: ", "'j_2.position_grad'", "rad, mrad, deg"],
+    "dynamics",
+    "--friction",
+    "coulomb_viscous",
+    "arm.xml",
+    "grad.csv",
+    *constants,
 )
 write("both.csv", content("foreign.csv").replace(";x;\n", ";1.5;\n").replace("Bemerkung", "position_j_3_rad"))
 check(
     "a column of no interest may be anything",
-    run("dynamics", "arm.xml", "both.csv", *constants, "--quiet").returncode == 0,
+    run("dynamics", "--friction", "coulomb_viscous", "arm.xml", "both.csv", *constants, "--quiet").returncode == 0,
 )
 objects = np.array([{"a": 1}, None], dtype=object)
 np.savez(path("pickle.npz"), time_s=objects, power_arm_w=np.ones(2), temperature_arm_degC=np.ones(2), allow_pickle=True)
