@@ -23,7 +23,7 @@ struct Decided {
   std::optional<bool> asymmetry, offset, rotor_inertia;
   std::optional<double> prior;
   bool coupling = false;  ///< no motor turns with several joints but those of the regressor
-  bool lag = false;  ///< of torques is none, or known
+  bool lag = false;       ///< of torques is none, or known
   std::optional<Robust> robust;
 };
 
@@ -39,7 +39,7 @@ struct Trial {
 
 struct DynamicsChoice {
   Setting setting;
-  DynamicsFit fit;  ///< of the samples that were compared: the start of the fit with the setting
+  DynamicsFit fit;            ///< of the samples that were compared: the start of the fit with the setting
   std::vector<Trial> trials;  ///< in the order in which they were made; the first is the start
   unsigned folds = 0;
   bool by_file = false;  ///< folds are files
