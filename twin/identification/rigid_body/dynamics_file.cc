@@ -153,9 +153,9 @@ std::vector<Estimate> read_gains(Mapping& in, const Regressor& robot) {
   std::vector<Estimate> out;
   auto gains = in.mapping("drive_gains");
   if (!gains) return out;
-  constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
   for (Index j = 0; j < robot.joints(); ++j) {
-    Estimate& e = out.emplace_back(Estimate{.name = robot.joint_name(j), .unit = {}, .value = unknown});
+    Estimate& e = out.emplace_back(Estimate{.name = robot.joint_name(j), .unit = {}, .value = nan});
     auto one = gains->mapping(e.name);
     if (!one) continue;
     e.unit = one->text("unit");
@@ -379,11 +379,11 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
     }
     thermal->done();
   }
-  constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
   out.possible = in.flag_or("physically_possible", true);
-  out.distance_sigma = in.number_or("distance_sigma", unknown, {0, 1e300});
+  out.distance_sigma = in.number_or("distance_sigma", nan, {0, 1e300});
   out.contradicted = contradicted(out.distance_sigma, base.size());
-  out.chance = in.number_or("chance", unknown, {0, 1});
+  out.chance = in.number_or("chance", nan, {0, 1});
   out.ranges = read_ranges(in, regressor);
   read_consistent(in, regressor, base, out);
   return out;
