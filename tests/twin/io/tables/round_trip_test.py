@@ -46,8 +46,9 @@ def numbers(parts, name=""):
 
 
 def same(name, a, b, bar=1e-12):
-    # Verdicts are of bins whose bounds are samples, and of temperatures only where there is a column of them.
-    a, b = ({k: v for k, v in numbers(x).items() if ".verdict." not in k} for x in (a, b))
+    # Verdicts are of bins whose bounds are samples; they and ranges are of temperatures only where there is a column.
+    left_out = ".verdict.", ".training.temperature."
+    a, b = ({k: v for k, v in numbers(x).items() if not any(part in k for part in left_out)} for x in (a, b))
     # A sigma is a difference of solutions that nearly agree, and keeps fewer digits than they do.
     bars = {k: 1e3 * bar if k.endswith(".sigma") else bar for k in a}
     off = {k: (a[k], b.get(k)) for k in a if k not in b or abs(a[k] - b[k]) > bars[k] * max(1, abs(a[k]))}
