@@ -10,9 +10,8 @@ double direction_of(double speed) { return std::copysign(1, speed); }
 
 /// Fills the turn [first, last) between samples in motion or ends.
 void turn(std::span<const double> speed, std::size_t first, std::size_t last, std::vector<double>& direction) {
-  const double before =
-      first > 0 ? direction[first - 1] : direction_of(last < speed.size() ? speed[last] : speed.front());
-  const double after = direction_of(last < speed.size() ? speed[last] : before);
+  const double before = first > 0 ? direction[first - 1] : direction_of(speed.front()),
+               after = direction_of(last < speed.size() ? speed[last] : speed.back());
   std::size_t change = first;
   if (before != after) {
     std::size_t left = first, back = last;  // where `before` ends for the first time, and for the last
@@ -21,6 +20,14 @@ void turn(std::span<const double> speed, std::size_t first, std::size_t last, st
     change = (left + back) / 2;
   }
   for (std::size_t i = first; i < last; ++i) direction[i] = i < change ? before : after;
+}
+
+/// As a turn between two motions; at an end as the motion beside it, 0 where there is none.
+void rest(std::span<const double> speed, std::size_t first, std::size_t last, Sliding& out) {
+  for (std::size_t i = first; i < last; ++i) out.rest[i] = true;
+  if (first > 0 && last < speed.size()) return turn(speed, first, last, out.direction);
+  const double beside = first > 0 ? out.direction[first - 1] : last < speed.size() ? direction_of(speed[last]) : 0;
+  std::ranges::fill(std::span(out.direction).subspan(first, last - first), beside);
 }
 
 std::vector<bool> moving(std::span<const double> speed, double slow, double far) {
@@ -49,10 +56,10 @@ Sliding sliding_of(std::span<const double> speed, double slow, double far, std::
     }
     const std::size_t first = i;
     while (i < speed.size() && !moves[i]) ++i;
-    turn(speed, first, i, out.direction);
     if (i - first > longest_turn)
-      std::fill(out.rest.begin() + static_cast<std::ptrdiff_t>(first),
-                out.rest.begin() + static_cast<std::ptrdiff_t>(i), true);
+      rest(speed, first, i, out);
+    else
+      turn(speed, first, i, out.direction);
   }
   return out;
 }
