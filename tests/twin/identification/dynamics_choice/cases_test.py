@@ -223,5 +223,6 @@ for name in sys.argv[2:] or CASES:
         f"auto: {taken}"
     )
     check(f"{name}: auto is {auto / best:.3f} of the best by hand", auto <= ALLOWED * best)
-    check(f"{name}: the choice matters", worst > 1.2 * best, (best, worst))
+    # Real bodies, which predict takes, leave less to choose: of cad, 1.15 where least squares had 2.
+    check(f"{name}: the choice matters", worst > 1.1 * best, (best, worst))
 finish()
