@@ -229,13 +229,11 @@ class Chooser {
         if (t && is_better(t->comparison) && (!best || t->comparison.change < best->comparison.change))
           best = std::move(t);
       }
-      if (best) {
-        last_.erase(best->candidate.what);
-        take(*std::move(best));
-      } else if (all) {
-        return;
-      }
+      if (!best && all) return;
       all = !best;
+      if (!best) continue;
+      last_.erase(best->candidate.what);
+      take(*std::move(best));
     }
   }
 
