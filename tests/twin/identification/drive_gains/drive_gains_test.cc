@@ -6,6 +6,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/tests/twin/identification/multisine.hpp>
 #include <tribotwin/twin/identification/drive_gains/drive_gains.hpp>
 #include <tribotwin/twin/identification/drive_gains/efficiency.hpp>
 #include <tribotwin/twin/identification/drive_gains/report.hpp>
@@ -68,24 +69,15 @@ class Arm {
     constexpr double rate_hz = 50, length_s = 30;
     const auto samples = static_cast<Index>(rate_hz * length_s);
     std::mt19937_64 motion(motion_seed), random(noise_seed);
-    std::uniform_real_distribution<double> phase(0, 2 * M_PI);
     std::normal_distribution<double> normal;
-    double phases[6][3];
-    for (auto& joint : phases)
-      for (double& p : joint) p = phase(motion);
+    const Multisine swing(6, motion, {.first_hz = 0.13, .next_hz = 0.17, .per_joint_hz = 0.03, .amplitude_rad = 0.9});
     RobotRecording r{.file = payload ? "loaded.csv" : "bare.csv"};
     r.position.resize(6, samples), r.torque.resize(6, samples);
     const Index carried = first_column(regressor_, 6);
     for (Index i = 0; i < samples; ++i) {
       const double t = static_cast<double>(i) / rate_hz;
       r.time_s.push_back(t);
-      VectorXd q = VectorXd::Zero(6), qd = q, qdd = q;
-      for (Index j = 0; j < 6; ++j)
-        for (int k = 0; k < 3; ++k) {
-          const double w = 2 * M_PI * (0.13 + 0.17 * k + 0.03 * static_cast<double>(j)), a = 0.9 / (1 + k);
-          const double x = w * t + phases[j][k];
-          q(j) += a * std::sin(x), qd(j) += a * w * std::cos(x), qdd(j) -= a * w * w * std::sin(x);
-        }
+      const auto [q, qd, qdd] = swing.at(t);
       const MatrixXd& Y = regressor_.at(q, qd, qdd);
       VectorXd rigid = Y * phi_;
       if (payload) rigid += Y.middleCols(carried, 10) * *payload;

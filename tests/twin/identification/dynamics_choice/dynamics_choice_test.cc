@@ -6,6 +6,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/tests/twin/identification/multisine.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 
@@ -42,26 +43,18 @@ class Arm {
 
   RobotRecording recording(const Defects& d, unsigned seed, double length_s = 8, double rate_hz = 125) {
     std::mt19937_64 random(seed);
-    std::uniform_real_distribution<double> phase(0, 2 * M_PI);
     const auto samples = static_cast<Index>(length_s * rate_hz);
     RobotRecording r{.file = fmt::format("{}.csv", seed)};
     r.position.resize(2, samples), r.torque.resize(2, samples);
     if (d.velocity) r.velocity.resize(2, samples);
-    double phases[2][3], noise[2] = {0, 0};
-    for (auto& joint : phases)
-      for (double& p : joint) p = phase(random);
+    const Multisine swing(2, random);
+    double noise[2] = {0, 0};
     std::normal_distribution<double> normal;
     std::uniform_real_distribution<double> uniform(0, 1);
     for (Index i = 0; i < samples; ++i) {
       const double t = static_cast<double>(i) / rate_hz;
       r.time_s.push_back(t);
-      VectorXd q = VectorXd::Zero(2), qd = q, qdd = q;
-      for (Index j = 0; j < 2; ++j)
-        for (int k = 0; k < 3; ++k) {
-          const double w = 2 * M_PI * (0.17 + 0.13 * k + 0.05 * static_cast<double>(j)), a = 0.8 / (1 + k);
-          const double x = w * t + phases[j][k];
-          q(j) += a * std::sin(x), qd(j) += a * w * std::cos(x), qdd(j) -= a * w * w * std::sin(x);
-        }
+      const auto [q, qd, qdd] = swing.at(t);
       const VectorXd rigid = regressor_.at(q, qd, qdd) * phi_;
       for (Index j = 0; j < 2; ++j) {
         const double sign = qd(j) < 0 ? -1 : 1, load = std::abs(rigid(j) - phi_(phi_.size() - 2 + j) * qdd(j));
@@ -71,7 +64,7 @@ class Arm {
             d.noise_memory * noise[j] + std::sqrt(1 - d.noise_memory * d.noise_memory) * d.noise_nm * normal(random);
         double torque = rigid(j) + sign * level * (1 + d.asymmetry * sign) + d.offset_nm + noise[j];
         torque += std::copysign(d.coupled_nm, qd.sum());
-        torque *= 1 + d.ripple * std::sin(37 * q(j) + phases[j][0]);
+        torque *= 1 + d.ripple * std::sin(37 * q(j) + swing.phase(j, 0));
         if (uniform(random) < d.outliers) torque += 60 * normal(random);
         r.position(j, i) = d.position_step_rad * std::round(q(j) / d.position_step_rad);
         r.torque(j, i) = torque;

@@ -7,6 +7,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/tests/twin/identification/multisine.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
 
 namespace tribotwin::twin::identification {
@@ -27,10 +28,8 @@ class Arm {
 
   RobotRecording recording(const Recorded& d, unsigned seed, double length_s = 10, double rate_hz = 125) {
     std::mt19937_64 random(seed);
-    std::uniform_real_distribution<double> phase(0, 2 * M_PI);
     std::normal_distribution<double> normal;
-    for (auto& joint : phases_)
-      for (double& p : joint) p = phase(random);
+    const Multisine swing(2, random);
     const auto samples = static_cast<Index>(length_s * rate_hz);
     RobotRecording r{.file = "arm.csv"};
     r.position.resize(2, samples), r.torque.resize(2, samples);
@@ -41,9 +40,9 @@ class Arm {
       for (Index j = 0; j < 2; ++j) {
         const double memory = d.noise_memory;
         noise[j] = memory * noise[j] + 0.3 * std::sqrt(1 - memory * memory) * normal(random);
-        r.position(j, i) = at(t).q(j) + 1e-5 * normal(random);
-        const double torque = torque_at(t - d.lag_s[j], j);
-        r.torque(j, i) = torque * (1 + d.ripple * std::sin(37 * at(t).q(j))) + noise[j];
+        r.position(j, i) = swing.at(t).q(j) + 1e-5 * normal(random);
+        const double torque = torque_of(swing.at(t - d.lag_s[j]), j);
+        r.torque(j, i) = torque * (1 + d.ripple * std::sin(37 * swing.at(t).q(j))) + noise[j];
         if (j == 1 && d.offset_only > 0) r.torque(j, i) = 5 + noise[j];
       }
     }
@@ -57,21 +56,7 @@ class Arm {
   }
 
  private:
-  struct State {
-    VectorXd q = VectorXd::Zero(2), qd = q, qdd = q;
-  };
-  State at(double t) const {
-    State s;
-    for (Index j = 0; j < 2; ++j)
-      for (int k = 0; k < 3; ++k) {
-        const double w = 2 * M_PI * (0.17 + 0.13 * k + 0.05 * static_cast<double>(j)), a = 0.8 / (1 + k);
-        const double x = w * t + phases_[j][k];
-        s.q(j) += a * std::sin(x), s.qd(j) += a * w * std::cos(x), s.qdd(j) -= a * w * w * std::sin(x);
-      }
-    return s;
-  }
-  double torque_at(double t, Index j) {
-    const State s = at(t);
+  double torque_of(const Multisine::State& s, Index j) {
     return (regressor_.at(s.q, s.qd, s.qdd) * phi_)(j) + std::copysign(4, s.qd(j)) + 2 * s.qd(j);
   }
 
@@ -85,7 +70,6 @@ class Arm {
   BaseParameters base_ = base_parameters(regressor_);
   RobotFriction friction_ = *robot_friction(*model_, regressor_, coulomb_viscous());
   VectorXd phi_ = regressor_.model_parameters();
-  double phases_[2][3] = {};
 };
 
 TEST(TorqueLag, IsFoundPerJointWithinItsSigmas) {

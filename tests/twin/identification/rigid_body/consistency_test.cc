@@ -7,6 +7,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/tests/twin/identification/multisine.hpp>
 #include <tribotwin/twin/identification/rigid_body/consistency.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
@@ -41,24 +42,15 @@ class Arm {
 
   RobotRecording recording(unsigned seed, double noise_nm, double length_s = 10) {
     std::mt19937_64 random(seed);
-    std::uniform_real_distribution<double> phase(0, 2 * M_PI);
     std::normal_distribution<double> normal(0, noise_nm);
     constexpr double rate_hz = 100;
     const auto samples = static_cast<Index>(length_s * rate_hz);
     RobotRecording r{.file = fmt::format("{}.csv", seed)};
     r.position.resize(2, samples), r.torque.resize(2, samples);
-    double phases[2][3];
-    for (auto& joint : phases)
-      for (double& p : joint) p = phase(random);
+    const Multisine swing(2, random);
     for (Index i = 0; i < samples; ++i) {
       r.time_s.push_back(static_cast<double>(i) / rate_hz);
-      VectorXd q = VectorXd::Zero(2), qd = q, qdd = q;
-      for (Index j = 0; j < 2; ++j)
-        for (int k = 0; k < 3; ++k) {
-          const double w = 2 * M_PI * (0.17 + 0.13 * k + 0.05 * static_cast<double>(j)), a = 0.8 / (1 + k);
-          const double x = w * r.time_s.back() + phases[j][k];
-          q(j) += a * std::sin(x), qd(j) += a * w * std::cos(x), qdd(j) -= a * w * w * std::sin(x);
-        }
+      const auto [q, qd, qdd] = swing.at(r.time_s.back());
       const VectorXd rigid = regressor_.at(q, qd, qdd) * regressor_.model_parameters();
       for (Index j = 0; j < 2; ++j) r.torque(j, i) = rigid(j) + std::copysign(2.0, qd(j)) + qd(j) + normal(random);
       r.position.col(i) = q;

@@ -7,6 +7,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/tests/twin/identification/multisine.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/robot/coupling/coupling.hpp>
 
@@ -54,24 +55,15 @@ class CoupledWrist : public Wrist {
 
   RobotRecording recording(unsigned seed, double stribeck_nm = 0, double per_load = 0) {
     std::mt19937_64 random(seed);
-    std::uniform_real_distribution<double> phase(0, 2 * M_PI);
     std::normal_distribution<double> noise(0, 0.02);
     constexpr Index samples = 1500;
     constexpr double rate_hz = 100;
     RobotRecording r{.file = fmt::format("{}.csv", seed)};
     r.position.resize(3, samples), r.torque.resize(3, samples);
-    double phases[3][3];
-    for (auto& joint : phases)
-      for (double& p : joint) p = phase(random);
+    const Multisine swing(3, random);
     for (Index i = 0; i < samples; ++i) {
-      VectorXd q = VectorXd::Zero(3), qd = q, qdd = q;
       r.time_s.push_back(static_cast<double>(i) / rate_hz);
-      for (Index j = 0; j < 3; ++j)
-        for (int k = 0; k < 3; ++k) {
-          const double w = 2 * M_PI * (0.17 + 0.13 * k + 0.05 * static_cast<double>(j)), a = 0.8 / (1 + k);
-          const double x = w * r.time_s.back() + phases[j][k];
-          q(j) += a * std::sin(x), qd(j) += a * w * std::cos(x), qdd(j) -= a * w * w * std::sin(x);
-        }
+      const auto [q, qd, qdd] = swing.at(r.time_s.back());
       const VectorXd rigid = coupled.at(q, qd, qdd) * coupled.model_parameters();
       VectorXd torque = rigid;
       for (Index rotor = 0; rotor < 4; ++rotor) {
