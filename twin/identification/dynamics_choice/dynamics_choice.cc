@@ -3,7 +3,6 @@
 #include <limits>
 #include <map>
 #include <optional>
-#include <set>
 #include <utility>
 
 #include <fmt/format.h>
@@ -225,7 +224,7 @@ class Chooser {
         const std::string what = candidate.what;
         auto t = tried(std::move(candidate));
         last_[what] = worth_of(t);
-        since_.insert(what);
+        since_.insert_or_assign(what, out_.trials.back().rms);
         if (t && is_better(t->comparison) && (!best || t->comparison.change < best->comparison.change))
           best = std::move(t);
       }
@@ -318,7 +317,7 @@ class Chooser {
     std::vector<double> before;
     for (const double share : stribeck_shares)
       if (const auto shares = shown_shares(share); std::exchange(before, shares) != shares)
-        add(out, "friction that falls within " + text_of(shares) + " of the top speed", [&](Setting& s) {
+        add(out, stribeck_text(shares), [&](Setting& s) {
           s.law = with_stribeck(*s.law);
           s.stribeck_share = shares;
         });
@@ -326,10 +325,10 @@ class Chooser {
     if (target_.motion.has_temperature) add_law(friction::find_law("polynomial"));
   }
 
-  /// "5 %", or "5 to 20 %"
-  static std::string text_of(const std::vector<double>& shares) {
+  static std::string stribeck_text(const std::vector<double>& shares) {
     const auto [least, most] = std::ranges::minmax(shares);
-    return least == most ? fmt::format("{:g} %", 100 * least) : fmt::format("{:g} to {:g} %", 100 * least, 100 * most);
+    return fmt::format("friction that falls within {:g}{} % of the top speed", 100 * least,
+                       least == most ? "" : fmt::format(" to {:g}", 100 * most));
   }
 
   /// Per rotor, the share of its top speed or the smallest wider one within which enough samples lie to tell friction.
@@ -462,8 +461,13 @@ class Chooser {
     if (decided_.law || with_stribeck(*out_.setting.law) != out_.setting.law) return;
     std::vector<Shares> of_all;
     for (const double share : stribeck_shares)
-      if (const auto shares = shown_shares(share); of_all.empty() || shares != of_all.back().share)
-        try_shares("... within " + text_of(shares), shares, of_all);
+      if (const auto shares = shown_shares(share); of_all.empty() || shares != of_all.back().share) {
+        const auto known = since_.find(stribeck_text(shares));
+        if (known != since_.end())
+          of_all.push_back({shares, known->second});
+        else
+          try_shares(stribeck_text(shares), shares, of_all);
+      }
     try_shares("... of each joint's own", best_of(of_all), of_all);
     for (const double step : {1.4, 1.18}) {
       const std::vector<double> middle = out_.setting.stribeck_share;
@@ -523,8 +527,8 @@ class Chooser {
   Target target_;
   JointMotion motion_;  ///< with the signals of the best setting
   HeldOut best_;
-  std::map<std::string, double> last_;  ///< change of every candidate of a search when it was last tried
-  std::set<std::string> since_;         ///< those tried since the last step
+  std::map<std::string, double> last_;     ///< change of every candidate of a search when it was last tried
+  std::map<std::string, VectorXd> since_;  ///< Trial::rms of those tried since the last step
   double done_ = 0;
 };
 
