@@ -541,7 +541,14 @@ check(
     "the choice says what it tried, and what it chose",
     all(
         w in chosen.stdout
-        for w in ("tried", "held-out error", "friction that falls within", "asymmetry", "chosen: friction")
+        for w in (
+            "tried",
+            "held-out error",
+            "friction that falls within",
+            "% of the top speed",
+            "asymmetry",
+            "chosen: friction",
+        )
     ),
     chosen.stdout,
 )
