@@ -28,6 +28,10 @@ constexpr double as_good = 0.02;
 constexpr double hopeless = 0.1, hopeless_sigmas = 4;
 /// A coupled motor is a claim about the robot's mechanics, and several are tried: only where much speaks for it.
 constexpr double coupled_gain = 0.02, coupled_sigmas = 4;
+/// A lag is a claim about the recordings, by its own sigmas first and then by the held-out error; only one is tried.
+constexpr double lag_sigmas = 3, lag_enough = 2;
+/// It is found by a law, and the law that is chosen with it may find it better.
+constexpr int most_lags = 2;
 constexpr unsigned most_folds = 10, folds_of_time = 12;
 constexpr Index stretch_count = 40;
 constexpr double most_samples = 4000;
@@ -53,7 +57,7 @@ class Chooser {
     if (auto ok = start(); !ok) return tl::unexpected(ok.error());
     if (!decided_.coupling && regressor_.motors().empty()) choose_coupling();
     search();
-    if (!decided_.lag && choose_lag()) search();
+    for (int lags = 0; !decided_.lag && lags < most_lags && choose_lag(); ++lags) search();
     if (take_prior()) search();
     refine_stribeck();
     simplify();
@@ -418,13 +422,16 @@ class Chooser {
     }
   }
 
-  /// A lag of torques is a claim about the recordings: only where much speaks for it. Errors are counted against
-  /// torques without it.
+  /// Errors are counted against torques without the lag.
   bool choose_lag() {
-    const auto found = torque_lag(recordings_, regressor_, out_.setting.signals,
-                                  [&](JointMotion& motion) { return fit_with(out_.setting, motion); });
+    Preparation every_sample = out_.setting.signals;  // thinned samples are too coarse for their slopes by time
+    every_sample.narrowest_hz = every_sample.widest_hz = 0;
+    Setting without_outliers = out_.setting;  // which look like steps, and a step like a lag
+    without_outliers.robust = decided_.robust.value_or(Robust::tukey);
+    const auto found = torque_lag(recordings_, regressor_, std::move(every_sample),
+                                  [&](JointMotion& motion) { return fit_with(without_outliers, motion); });
     if (!found || std::ranges::none_of(found->lag, [](const Estimate& e) {
-          return e.status == Status::estimated && std::abs(e.value) > coupled_sigmas * e.sigma;
+          return e.status == Status::estimated && std::abs(e.value) > lag_sigmas * e.sigma;
         }))
       return false;
     Candidate candidate{"lag of torques:" + text_of(found->lag), out_.setting};
@@ -433,7 +440,7 @@ class Chooser {
     if (!motion || motion->size() != target_.motion.size()) return false;
     JointMotion before = std::exchange(target_.motion, *motion);
     auto t = tried(std::move(candidate));
-    const bool taken = t && is_better(t->comparison, coupled_gain, coupled_sigmas);
+    const bool taken = t && is_better(t->comparison, least_gain, lag_enough);
     if (taken)
       take(*std::move(t));
     else
