@@ -305,10 +305,11 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit, const
     const char* unit = robot.regressor.is_slide(static_cast<Eigen::Index>(j)) ? "n" : "nm";
     const bool is_weak = std::ranges::find(weak, static_cast<Index>(j)) != weak.end();
     if (joint.relative_error > unexplained_error && !is_weak)
-      throw InputError(
-          fmt::format("{}: motion explains only {:.0f} % of torque_{}_{}; is it the torque of another joint, another "
-                      "column, another robot, late, or that of a motor that turns with two joints (--coupling)?",
-                      where, 100 * (1 - joint.relative_error), joint.name, unit));
+      throw InputError(fmt::format(
+          "{}: motion explains only {:.0f} % of torque_{}_{}; is it the torque of another joint, another "
+          "column, another robot, late, or that of a motor that turns with two joints (--coupling)?{}",
+          where, 100 * std::max(0.0, 1 - joint.relative_error), joint.name, unit,
+          fit.instrumental ? " Or are accelerations too noisy, which --iv does not smooth? Lower --cutoff" : ""));
     const Estimate& level = fit.friction[j].front();  // Coulomb friction, or what is left of it at speed 0
     // Beside a coupled motor's friction a joint's own is what is left of it: any sign.
     const bool coupled = std::ranges::any_of(robot.regressor.motors(), [&](const CoupledMotor& motor) {

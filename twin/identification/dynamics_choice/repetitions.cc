@@ -12,15 +12,13 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-/// Mean square of what positions differ by after so many samples, over twice their variance, of the joint that repeats
-/// worst. 1 for what does not repeat.
+/// Mean square of what positions differ by after so many samples, over twice their variance in these samples, of the
+/// joint that repeats worst. 1 for what does not repeat, and for joints that only rest at either end of a stretch.
 class Difference {
  public:
-  explicit Difference(const Eigen::Ref<const MatrixXd>& q) : q_(q) {
-    for (Index j = 0; j < q_.rows(); ++j) {
-      const double variance = (q_.row(j).array() - q_.row(j).mean()).square().mean();
-      if (variance > 1e-10) moving_.push_back(j), variance_.push_back(variance);
-    }
+  explicit Difference(const Eigen::Ref<const MatrixXd>& q) : q_(q.colwise() - q.rowwise().mean()) {
+    for (Index j = 0; j < q_.rows(); ++j)
+      if (q_.row(j).squaredNorm() > least_variance * static_cast<double>(q_.cols())) moving_.push_back(j);
   }
   /// Up to `enough` where it is not less.
   double operator()(Index lag, double enough = 1e300) const {
@@ -28,19 +26,23 @@ class Difference {
     const Index count = q_.cols() - lag, every = std::max<Index>(1, count / looks);
     double worst = 0;
     for (std::size_t k = 0; k < moving_.size() && worst < enough; ++k) {
-      double sum = 0;
-      Index n = 0;
-      for (Index i = 0; i < count; i += every, ++n) sum += std::pow(q_(moving_[k], i + lag) - q_(moving_[k], i), 2);
-      worst = std::max(worst, sum / (2 * variance_[k] * static_cast<double>(n)));
+      double differences = 0, sum = 0, squares = 0, n = 0;
+      for (Index i = 0; i < count; i += every, ++n) {
+        const double q = q_(moving_[k], i);
+        differences += std::pow(q_(moving_[k], i + lag) - q, 2), sum += q, squares += q * q;
+      }
+      const double variance = (squares - sum * sum / n) / n;
+      worst = std::max(worst, variance > least_variance ? differences / (2 * variance * n) : 1.0);
     }
     return worst;
   }
   bool moves() const { return !moving_.empty(); }
 
  private:
+  static constexpr double least_variance = 1e-10;
+
   MatrixXd q_;
   std::vector<Index> moving_;
-  std::vector<double> variance_;
 };
 
 /// In samples, not whole; none where nothing repeats.
@@ -67,12 +69,12 @@ double step_of(const RobotRecording& rec, Index joint) {
   return step;
 }
 
-/// Root mean square of what recorded positions differ by a period later.
-double repeated_within(const RobotRecording& rec, Index joint, double period_s) {
+/// Root mean square of what recorded positions differ by so much later.
+double repeated_within(const RobotRecording& rec, Index joint, double later_s) {
   double sum = 0, count = 0;
   std::size_t later = 0;
   for (std::size_t i = 0; i < rec.time_s.size(); ++i) {
-    const double wanted = rec.time_s[i] + period_s;
+    const double wanted = rec.time_s[i] + later_s;
     while (later + 1 < rec.time_s.size() &&
            std::abs(rec.time_s[later + 1] - wanted) <= std::abs(rec.time_s[later] - wanted))
       ++later;
@@ -83,34 +85,63 @@ double repeated_within(const RobotRecording& rec, Index joint, double period_s) 
   return count > 0 ? std::sqrt(sum / count) : 0;
 }
 
-Result<void> require_other_errors(const RobotRecording& rec, const Regressor& regressor, double period_s) {
+/// A joint whose encoder's errors repeat.
+struct Alike {
+  Index joint;
+  double within, step;
+};
+
+std::optional<Alike> alike_after(const RobotRecording& rec, double later_s) {
   constexpr double alike = 0.45;  // of a step: that far apart its errors are no longer correlated
   for (Index j = 0; j < rec.position.rows(); ++j) {
-    const double step = step_of(rec, j), within = repeated_within(rec, j, period_s);
-    if (std::isfinite(step) && within < alike * step)
-      return tl::unexpected(Error(fmt::format(
-          "{}: joint {} repeats its positions within {:.2g} of its encoder's step ({:.3g}): the encoder's errors "
-          "repeat as well, and repetitions do not tell them from motion; use least squares with a lower cut-off",
-          rec.file.string(), regressor.joint_name(j), within / step, step)));
+    const double step = step_of(rec, j), within = repeated_within(rec, j, later_s);
+    if (std::isfinite(step) && within < alike * step) return Alike{j, within, step};
   }
   return {};
+}
+
+/// How many periods later, 1 .. most, the encoder's errors are others. Sampling may meet the period after two of them.
+Result<std::vector<Index>> turns_with_other_errors(const RobotRecording& rec, const Regressor& regressor,
+                                                   double period_s, Index most) {
+  std::vector<Index> out;
+  for (Index k = 1; k <= most; ++k)
+    if (!alike_after(rec, static_cast<double>(k) * period_s)) out.push_back(k);
+  if (!out.empty()) return out;
+  const Alike found = *alike_after(rec, period_s);
+  return tl::unexpected(Error(fmt::format(
+      "{}: joint {} repeats its positions within {:.2g} of its encoder's step ({:.3g}): the encoder's errors "
+      "repeat as well, and repetitions do not tell them from motion; use least squares with a lower cut-off",
+      rec.file.string(), regressor.joint_name(found.joint), found.within / found.step, found.step)));
 }
 
 /// Other repetitions of a sample in a stretch [first, last).
 struct Others {
   Index first, last;
-  double period;  ///< samples
+  double period;             ///< samples
+  std::vector<Index> turns;  ///< how many periods off they are, either way
 
-  std::vector<Index> of(Index i) const {
-    std::vector<Index> out;
-    const auto most = static_cast<Index>(static_cast<double>(last - first) / period) + 1;
-    for (Index k = -most; k <= most; ++k) {
-      const Index at = i + static_cast<Index>(std::lround(static_cast<double>(k) * period));
-      if (k != 0 && at >= first && at < last) out.push_back(at);
-    }
+  /// Not whole.
+  std::vector<double> of(Index i) const {
+    std::vector<double> out;
+    for (const Index k : turns)
+      for (const double off : {-static_cast<double>(k) * period, static_cast<double>(k) * period})
+        if (const double at = static_cast<double>(i) + off;
+            at >= static_cast<double>(first) && at < static_cast<double>(last - 1))
+          out.push_back(at);
     return out;
   }
 };
+
+/// Mean of the columns at these places, linear between them: a period is not a whole number of samples.
+VectorXd mean_at(const MatrixXd& signal, const std::vector<double>& places) {
+  VectorXd out = VectorXd::Zero(signal.rows());
+  for (const double at : places) {
+    const auto before = static_cast<Index>(at);
+    const double share = at - static_cast<double>(before);
+    out += (1 - share) * signal.col(before) + share * signal.col(before + 1);
+  }
+  return out / static_cast<double>(places.size());
+}
 
 /// Instruments of a stretch; returns how many groups it has.
 Index fill(const Others& others, JointMotion& motion, Instruments& out) {
@@ -120,15 +151,15 @@ Index fill(const Others& others, JointMotion& motion, Instruments& out) {
     const double turns = static_cast<double>(i - others.first) / others.period;
     const auto group = static_cast<Index>((turns - std::floor(turns)) * static_cast<double>(groups));
     out.group[static_cast<std::size_t>(i)] = out.groups + std::min(group, groups - 1);
-    const std::vector<Index> at = others.of(i);
+    const std::vector<double> at = others.of(i);
     if (at.empty()) {
       motion.moving.col(i).setConstant(false);
       continue;
     }
-    out.motion.q.col(i) = motion.q(Eigen::all, at).rowwise().mean();
-    out.motion.qd.col(i) = motion.qd(Eigen::all, at).rowwise().mean();
-    out.motion.qdd.col(i) = motion.qdd(Eigen::all, at).rowwise().mean();
-    out.motion.direction.col(i) = motion.direction(Eigen::all, at).rowwise().mean();
+    out.motion.q.col(i) = mean_at(motion.q, at);
+    out.motion.qd.col(i) = mean_at(motion.qd, at);
+    out.motion.qdd.col(i) = mean_at(motion.qdd, at);
+    out.motion.direction.col(i) = mean_at(motion.direction, at);
   }
   return groups;
 }
@@ -152,18 +183,23 @@ Result<Instruments> instruments_of_repetitions(std::span<const RobotRecording> r
     }
     const double sample_s =
         motion.time_s[static_cast<std::size_t>(first) + 1] - motion.time_s[static_cast<std::size_t>(first)];
-    if (auto ok = require_other_errors(rec, regressor, *period * sample_s); !ok) return tl::unexpected(ok.error());
-    const Index groups = fill({first, last, *period}, motion, out);
+    const double length = static_cast<double>(last - first) / *period;
+    const auto most = static_cast<Index>(length);
+    auto turns = turns_with_other_errors(rec, regressor, *period * sample_s, std::max<Index>(1, most));
+    if (!turns) return tl::unexpected(turns.error());
+    const bool all = static_cast<Index>(turns->size()) >= most;
+    const Index groups = fill({first, last, *period, *std::move(turns)}, motion, out);
     if (groups < fewest)
       return tl::unexpected(
           Error(fmt::format("{}: repeats every {:.4g} s, {:.0f} samples; instrumental variables need {} for their "
-                            "sigmas: repeat a longer motion",
+                            "sigmas: repeat a longer motion, or keep more samples (a wider --cutoff)",
                             rec.file.string(), *period * sample_s, *period, fewest * 20)));
     out.groups += groups;
     out.notes.push_back(
         fmt::format("{}: estimates by instrumental variables: each sample's are the mean of its other repetitions, "
-                    "{:.3g} times every {:.5g} s",
-                    rec.file.string(), static_cast<double>(last - first) / *period, *period * sample_s));
+                    "{:.3g} times every {:.5g} s{}",
+                    rec.file.string(), length, *period * sample_s,
+                    all ? "" : ", without those in which the encoder's errors are the same"));
   }
   if (out.groups == 0)
     return tl::unexpected(Error(fmt::format(

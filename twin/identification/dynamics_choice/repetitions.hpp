@@ -13,7 +13,8 @@ namespace tribotwin::twin::identification {
 
 /// Looks for the period of every stretch of `motion`, which `prepare` made of `recordings`. Samples without another
 /// repetition no longer count as `moving`. ErrorKind::input where nothing repeats, where repetitions are too short for
-/// sigmas, and where positions repeat within .45 of the encoder's step: then its errors repeat as well.
+/// sigmas, and where all repetitions are within .45 of the encoder's step of each other: then its errors repeat as
+/// well. Those that are, as where the sampling meets a multiple of the period, are no instruments.
 Result<Instruments> instruments_of_repetitions(std::span<const RobotRecording> recordings, const Regressor& regressor,
                                                JointMotion& motion);
 

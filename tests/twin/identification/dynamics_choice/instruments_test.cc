@@ -1,4 +1,5 @@
 // A robot of two joints that repeats its motion, with an encoder so coarse that least squares are biased.
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -18,6 +19,7 @@ struct Recorded {
   double noise_nm = 0.3;
   double period_s = 3.1007, length_s = 12.6;
   bool repeats = true;
+  double rest_s = 0;  ///< before and after the motion
 };
 
 class Arm {
@@ -42,10 +44,11 @@ class Arm {
     for (Index i = 0; i < samples; ++i) {
       r.time_s.push_back(static_cast<double>(i) / rate_hz);
       q.setZero(), qd.setZero(), qdd.setZero();
+      const double t = std::clamp(r.time_s.back() - d.rest_s, 0.0, d.length_s - 2 * d.rest_s);
       for (Index j = 0; j < 2; ++j)
         for (int k = 0; k < 5; ++k) {
           const double w = 2 * M_PI / d.period_s * (d.repeats ? k + 1 : std::sqrt(k + 2.0)), a = 0.8 / (1 + k);
-          const double x = w * r.time_s.back() + phases_[j][k];
+          const double x = w * t + phases_[j][k];
           q(j) += a * std::sin(x), qd(j) += a * w * std::cos(x), qdd(j) -= a * w * w * std::sin(x);
         }
       r.torque.col(i) = regressor_.at(q, qd, qdd) * phi;
@@ -90,12 +93,12 @@ struct Trial {
   double bias_sigmas, covered;
 };
 
-Trial trial(Arm& arm, bool instrumental, unsigned seeds) {
+Trial trial(Arm& arm, bool instrumental, unsigned seeds, const Recorded& recorded = {}) {
   const VectorXd truth = arm.truth();
   VectorXd error = VectorXd::Zero(truth.size()), sigma = error;
   double inside = 0, all = 0;
   for (unsigned seed = 1; seed <= seeds; ++seed) {
-    const auto fit = arm.fitted(arm.recording({}, seed), instrumental);
+    const auto fit = arm.fitted(arm.recording(recorded, seed), instrumental);
     EXPECT_TRUE(fit) << fit.error().message;
     for (Index k = 0; k < truth.size(); ++k) {
       const Estimate& e = fit->base[static_cast<std::size_t>(k)];
@@ -116,6 +119,18 @@ TEST(Instruments, TakeTheBiasOfACoarseEncoderFromInertias) {
   EXPECT_LT(least_squares.covered, 0.7);
   EXPECT_LT(instrumental.bias_sigmas, 1);
   EXPECT_GT(instrumental.covered, 0.9);
+}
+
+// 1550.5 samples: every second repetition has the errors of the first.
+TEST(Instruments, AreNoRepetitionsWithTheSameErrors) {
+  Arm arm;
+  const Recorded recorded{.period_s = 3.101};
+  const Trial instrumental = trial(arm, true, 10, recorded);
+  EXPECT_LT(instrumental.bias_sigmas, 1);
+  EXPECT_GT(instrumental.covered, 0.9);
+  const auto fit = arm.fitted(arm.recording(recorded, 1), true);
+  ASSERT_TRUE(fit) << fit.error().message;
+  EXPECT_THAT(fit->notes, testing::Contains(testing::HasSubstr("without those in which the encoder's errors are")));
 }
 
 // What is in both fits' torques is the filter's and the noise's alone.
@@ -146,6 +161,7 @@ TEST(Instruments, AreRefusedWhereTheyTellNothing) {
   const Case cases[] = {
       {"no period", {.repeats = false}, {}, "no motion is repeated"},
       {"less than a period and a quarter", {.length_s = 3.5}, {}, "no motion is repeated"},
+      {"home at either end", {.period_s = 7.4, .rest_s = 2.6}, {}, "no motion is repeated"},
       {"errors repeat", {.period_s = 3.1}, {}, "joint shoulder repeats its positions within 0 of its encoder's step"},
       {"too short", {.period_s = 0.5003}, {}, "need 160"},
       {"robust", {}, {.robust = Robust::huber}, "no robust loss"},
