@@ -7,6 +7,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/tests/twin/identification/multisine.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/repetitions.hpp>
 
 namespace tribotwin::twin::identification {
@@ -32,25 +33,18 @@ class Arm {
   RobotRecording recording(const Recorded& d, unsigned seed) {
     constexpr double rate_hz = 500;
     std::mt19937_64 random(seed);
-    std::uniform_real_distribution<double> phase(0, 2 * M_PI);
     std::normal_distribution<double> normal;
-    for (auto& joint : phases_)
-      for (double& p : joint) p = phase(random);
+    const double base_hz = 1 / d.period_s;
+    const Multisine swing(
+        2, random,
+        {.first_hz = base_hz, .next_hz = d.repeats ? base_hz : 0.37 * base_hz, .per_joint_hz = 0, .sines = 5});
     const auto samples = static_cast<Index>(d.length_s * rate_hz);
     RobotRecording r{.file = "arm.csv"};
     r.position.resize(2, samples), r.torque.resize(2, samples);
     const VectorXd phi = regressor_.model_parameters();
-    VectorXd q(2), qd(2), qdd(2);
     for (Index i = 0; i < samples; ++i) {
       r.time_s.push_back(static_cast<double>(i) / rate_hz);
-      q.setZero(), qd.setZero(), qdd.setZero();
-      const double t = std::clamp(r.time_s.back() - d.rest_s, 0.0, d.length_s - 2 * d.rest_s);
-      for (Index j = 0; j < 2; ++j)
-        for (int k = 0; k < 5; ++k) {
-          const double w = 2 * M_PI / d.period_s * (d.repeats ? k + 1 : std::sqrt(k + 2.0)), a = 0.8 / (1 + k);
-          const double x = w * t + phases_[j][k];
-          q(j) += a * std::sin(x), qd(j) += a * w * std::cos(x), qdd(j) -= a * w * w * std::sin(x);
-        }
+      const auto [q, qd, qdd] = swing.at(std::clamp(r.time_s.back() - d.rest_s, 0.0, d.length_s - 2 * d.rest_s));
       r.torque.col(i) = regressor_.at(q, qd, qdd) * phi;
       for (Index j = 0; j < 2; ++j) {
         r.torque(j, i) += std::copysign(coulomb_nm[j], qd(j)) + viscous_nm_s[j] * qd(j) + d.noise_nm * normal(random);
@@ -85,7 +79,6 @@ class Arm {
   Regressor regressor_ = *Regressor::create(model_->get());
   BaseParameters base_ = base_parameters(regressor_);
   RobotFriction friction_;
-  double phases_[2][5] = {};
 };
 
 /// Over seeds: the largest bias of a base parameter in its mean sigma, and the share of 95 % intervals that hold.
