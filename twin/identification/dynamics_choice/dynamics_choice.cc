@@ -316,7 +316,7 @@ class Chooser {
     const auto add_law = [&](const friction::LawInfo* law) {
       if (law && law != &now) add(out, fmt::format("friction {}", law->name), [&](Setting& s) { s.law = law; });
     };
-    add_law(with_load(now));
+    if (!decided_.instruments) add_law(with_load(now));
     if (!with_stribeck(now)) return;
     std::vector<double> before;
     for (const double share : stribeck_shares)
@@ -326,7 +326,7 @@ class Chooser {
           s.stribeck_share = shares;
         });
     // A cubic of the speed goes astray beyond the speeds of the recordings; it is worth that for its temperature.
-    if (target_.motion.has_temperature) add_law(friction::find_law("polynomial"));
+    if (target_.motion.has_temperature && !decided_.instruments) add_law(friction::find_law("polynomial"));
   }
 
   static std::string stribeck_text(const std::vector<double>& shares) {
@@ -555,7 +555,9 @@ Result<DynamicsChoice> choose_dynamics(const mujoco::Model& model, const Regress
                                        const BaseParameters& base, std::span<const RobotRecording> recordings,
                                        const Decided& decided, std::span<const double> torque_max_nm, unsigned threads,
                                        const std::function<void(double share)>& progress) {
-  return Chooser(model, regressor, base, recordings, decided, torque_max_nm, threads, progress).run();
+  Decided all = decided;
+  if (all.instruments) all.asymmetry = false, all.robust = Robust::none, all.prior = 0, all.lag = true;
+  return Chooser(model, regressor, base, recordings, all, torque_max_nm, threads, progress).run();
 }
 
 }  // namespace tribotwin::twin::identification

@@ -25,6 +25,8 @@ struct Decided {
   bool coupling = false;  ///< no motor turns with several joints but those of the regressor
   bool lag = false;       ///< of torques is none, or known
   std::optional<Robust> robust;
+  bool instruments = false;  ///< only what instrumental variables know: knows_instruments() of the law, and no
+                             ///< asymmetry, robust loss, prior and lag
 };
 
 struct Trial {

@@ -198,6 +198,7 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   out << YAML::BeginMap << YAML::Key << "model" << YAML::Value << origin.model << YAML::Key << "data" << YAML::Value
       << YAML::Flow << origin.data;
   out << YAML::Key << "friction_law" << YAML::Value << std::string(law.name);
+  out << YAML::Key << "estimator" << YAML::Value << std::string(estimator_of(fit));
   out << YAML::Key << "signals" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "cutoff_hz"
       << YAML::Value << origin.signals.cutoff_hz << YAML::Key << "recorded_velocity" << YAML::Value
       << origin.signals.recorded_velocity << YAML::Key << "reversals" << YAML::Value << origin.signals.reversals
@@ -281,6 +282,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   in.accept({"model",
              "data",
              "friction_law",
+             "estimator",
              "signals",
              "coupling",
              "drive_gains",
