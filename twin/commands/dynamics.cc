@@ -417,23 +417,36 @@ Result<DynamicsFit> without_lag(const Robot& robot, const std::vector<RobotRecor
   return std::move(found->fit);
 }
 
+/// Whether two joints' speeds are proportional: then the motion of either explains both torques, whosever they are.
+bool move_alike(const JointMotion& motion, Index a, Index b) {
+  constexpr double alike = 0.95;
+  const auto va = motion.qd.row(a), vb = motion.qd.row(b);
+  return std::abs(va.dot(vb)) > alike * va.norm() * vb.norm();
+}
+
 /// Whether torques that the motion does not explain are explained with the other sign, or as those of another joint
-/// that is not explained well either.
+/// that is not explained well either: what was changed has to be explained, and all torques clearly better than as they
+/// were recorded. Joints that move alike say nothing.
 bool explained_otherwise(const std::vector<Index>& joints, const DynamicsFit& fit, const JointMotion& motion,
                          const Fit& fit_of) {
-  constexpr double clearly = 0.5, well = 0.3;
+  constexpr double explained = 0.5, well = 0.3, clearly = 0.6;
   const auto explains = [&](JointMotion changed, std::initializer_list<Index> which) {
     const auto other = fit_of(changed);
-    return other && std::ranges::all_of(which, [&](Index j) {
-             return other->joints[static_cast<std::size_t>(j)].relative_error < clearly;
-           });
+    if (!other) return false;
+    double log_ratio = 0;  // over all joints: what is wrong with one column spoils the others' errors too
+    for (std::size_t j = 0; j < fit.joints.size(); ++j)
+      if (fit.joints[j].samples > 0)
+        log_ratio += std::log(other->joints[j].relative_error / fit.joints[j].relative_error);
+    return log_ratio < static_cast<double>(which.size()) * std::log(clearly) &&
+           std::ranges::all_of(
+               which, [&](Index j) { return other->joints[static_cast<std::size_t>(j)].relative_error < explained; });
   };
   for (const Index j : joints) {
     JointMotion changed = motion;
     changed.torque.row(j) *= -1;
     if (explains(std::move(changed), {j})) return true;
     for (const Index k : unexplained(fit, well)) {
-      if (j == k) continue;
+      if (j == k || move_alike(motion, j, k)) continue;
       changed = motion;
       changed.torque.row(j).swap(changed.torque.row(k));
       if (explains(std::move(changed), {j, k})) return true;
