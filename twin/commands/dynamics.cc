@@ -37,7 +37,8 @@ struct Arguments {
   std::string model, friction = "auto", thermal, robust = "auto";
   Destination output;
   TableArguments tables;
-  std::vector<std::string> data, coupling, payloads, lag;  // no lag: none, or what --friction auto finds
+  std::vector<std::string> data, coupling, payloads, position_torque;
+  std::vector<std::string> lag;  // empty: none, or what --friction auto finds
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   std::optional<double> prior_percent;
@@ -230,6 +231,7 @@ std::string words_of(const Setting& s) {
   std::string text = fmt::format("friction {}", s.law->name);
   if (s.directional.offset) text += ", offset";
   if (s.directional.asymmetry) text += ", asymmetry";
+  if (!s.by_position.empty()) text += fmt::format(", torque by position of {}", joined(s.by_position));
   if (s.signals.cutoff_hz > 0) text += fmt::format(", cut-off {:.3g} Hz", s.signals.cutoff_hz);
   if (s.signals.recorded_velocity) text += ", recorded velocity";
   if (s.signals.reversals) text += ", reversals";
@@ -266,6 +268,7 @@ Json json_of(const DynamicsChoice& choice) {
   Json j{{"friction", s.law->name},
          {"offset", s.directional.offset},
          {"asymmetry", s.directional.asymmetry},
+         {"by_position", s.by_position},
          {"cutoff_hz", s.signals.cutoff_hz},
          {"recorded_velocity", s.signals.recorded_velocity},
          {"reversals", s.signals.reversals},
@@ -323,18 +326,32 @@ Robust robust_of(const std::string& name) {
   return Robust::none;
 }
 
-Setting setting_of(const Arguments& a, const friction::LawInfo& law) {
+/// --position-torque: joints; none. Nothing where the option is not given.
+std::vector<std::string> by_position(const Arguments& a, const Regressor& regressor) {
+  if (a.position_torque == std::vector<std::string>{"none"}) return {};
+  for (const std::string& name : a.position_torque) {
+    Index r = 0;
+    while (r < regressor.rotors() && (regressor.rotor_name(r) != name || !may_depend_on_position(regressor, r))) ++r;
+    if (r == regressor.rotors())
+      throw InputError(fmt::format("--position-torque: '{}' is no hinge of the model; name hinges, or none", name));
+  }
+  return a.position_torque;
+}
+
+Setting setting_of(const Arguments& a, const Regressor& regressor, const friction::LawInfo& law) {
   return {.signals = a.preparation,
           .law = &law,
           .directional = {.offset = !a.no_offset, .asymmetry = a.asymmetry},
+          .by_position = by_position(a, regressor),
           .robust = robust_of(a.robust),
           .rotor_inertia = !a.no_rotor_inertia,
           .prior = a.prior_percent.value_or(0) / 100};
 }
 
 /// What the options leave to the choice.
-Decided decided(const Arguments& a) {
+Decided decided(const Arguments& a, const Regressor& regressor) {
   Decided d;
+  if (!a.position_torque.empty()) d.by_position = by_position(a, regressor);
   if (a.preparation.cutoff_hz > 0) d.cutoff_hz = a.preparation.cutoff_hz;
   if (a.preparation.decimation > 0) d.decimation = a.preparation.decimation;
   if (a.no_offset) d.offset = false;
@@ -368,9 +385,10 @@ DynamicsChoice choice_of(const Arguments& a, const friction::LawInfo* given, con
                          const std::vector<RobotRecording>& recordings, std::span<const double> torque_max_nm,
                          Progress& progress) {
   if (!given)
-    return or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings, decided(a),
-                                          torque_max_nm, a.threads, [&](double share) { progress(0.9 * share); }));
-  return {.setting = setting_of(a, *given), .trials = {}};
+    return or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings,
+                                          decided(a, robot.regressor), torque_max_nm, a.threads,
+                                          [&](double share) { progress(0.9 * share); }));
+  return {.setting = setting_of(a, robot.regressor, *given), .trials = {}};
 }
 
 bool finds_lag(const Arguments& a) { return a.lag == std::vector<std::string>{"auto"}; }
@@ -762,6 +780,11 @@ void add_model_options(CLI::App& command, const std::shared_ptr<Arguments>& a) {
           "data, as --friction auto does where it predicts better), or seconds, one for all joints or one each as A,B")
       ->delimiter(',');
   command.add_flag("--asymmetry", a->asymmetry, "Friction forward and reverse may differ by a factor");
+  command
+      .add_option("--position-torque", a->position_torque,
+                  "Hinges A,B beside whose friction a torque C cos q + S sin q acts, as of springs, cables and sensors "
+                  "that turn with them (default: none, or what --friction auto finds); none: no joint")
+      ->delimiter(',');
   command.add_option("--robust", a->robust, "Loss for data with outliers")
       ->check(CLI::IsMember({"auto", "none", "huber", "tukey"}))
       ->capture_default_str();

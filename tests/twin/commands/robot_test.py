@@ -416,6 +416,11 @@ for name, column, change, says in (
     check(f"{name} is told", all(text in r.stderr for text in says), r.stderr)
 r = run("dynamics", "--friction", "coulomb_viscous", model, "cold.csv")
 check("... and nothing of the robot's own", "gravity" not in r.stderr and "actuator" not in r.stderr, r.stderr)
+refused(
+    "no such hinge",
+    ["--position-torque", "joint9", "hinge"],
+    *("dynamics", "--friction", "coulomb_viscous", "--position-torque", "joint9", model, "cold.csv"),
+)
 refused("no such law", ["coulomb_viscous", "did you mean"], "dynamics", model, "cold.csv", "--friction", "polynomal")
 refused(
     "a file of another robot",

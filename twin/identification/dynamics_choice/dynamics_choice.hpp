@@ -22,6 +22,7 @@ struct Decided {
   const friction::LawInfo* law = nullptr;
   std::optional<bool> asymmetry, offset, rotor_inertia;
   std::optional<double> prior;
+  std::optional<std::vector<std::string>> by_position;  ///< Setting::by_position
   bool coupling = false;  ///< no motor turns with several joints but those of the regressor
   bool lag = false;       ///< of torques is none, or known
   std::optional<Robust> robust;
