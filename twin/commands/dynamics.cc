@@ -38,7 +38,8 @@ struct Arguments {
   std::string model, friction = "auto", thermal, robust = "auto";
   Destination output;
   TableArguments tables;
-  std::vector<std::string> data, coupling, payloads, lag;  // no lag: none, or what --friction auto finds
+  std::vector<std::string> data, coupling, payloads, position_torque;
+  std::vector<std::string> lag;  // empty: none, or what --friction auto finds
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   std::optional<double> prior_percent;
@@ -234,6 +235,7 @@ std::string words_of(const Setting& s) {
   std::string text = fmt::format("friction {}", s.law->name);
   if (s.directional.offset) text += ", offset";
   if (s.directional.asymmetry) text += ", asymmetry";
+  if (!s.by_position.empty()) text += fmt::format(", torque by position of {}", joined(s.by_position));
   if (s.signals.cutoff_hz > 0) text += fmt::format(", cut-off {:.3g} Hz", s.signals.cutoff_hz);
   if (s.signals.recorded_velocity) text += ", recorded velocity";
   if (s.signals.reversals) text += ", reversals";
@@ -270,6 +272,7 @@ Json json_of(const DynamicsChoice& choice) {
   Json j{{"friction", s.law->name},
          {"offset", s.directional.offset},
          {"asymmetry", s.directional.asymmetry},
+         {"by_position", s.by_position},
          {"cutoff_hz", s.signals.cutoff_hz},
          {"recorded_velocity", s.signals.recorded_velocity},
          {"reversals", s.signals.reversals},
@@ -328,18 +331,32 @@ Robust robust_of(const std::string& name) {
   return Robust::none;
 }
 
-Setting setting_of(const Arguments& a, const friction::LawInfo& law) {
+/// --position-torque: joints; none. Nothing where the option is not given.
+std::vector<std::string> by_position(const Arguments& a, const Regressor& regressor) {
+  if (a.position_torque == std::vector<std::string>{"none"}) return {};
+  for (const std::string& name : a.position_torque) {
+    Index r = 0;
+    while (r < regressor.rotors() && (regressor.rotor_name(r) != name || !may_depend_on_position(regressor, r))) ++r;
+    if (r == regressor.rotors())
+      throw InputError(fmt::format("--position-torque: '{}' is no hinge of the model; name hinges, or none", name));
+  }
+  return a.position_torque;
+}
+
+Setting setting_of(const Arguments& a, const Regressor& regressor, const friction::LawInfo& law) {
   return {.signals = a.preparation,
           .law = &law,
           .directional = {.offset = !a.no_offset, .asymmetry = a.asymmetry},
+          .by_position = by_position(a, regressor),
           .robust = robust_of(a.robust),
           .rotor_inertia = !a.no_rotor_inertia,
           .prior = a.prior_percent.value_or(0) / 100};
 }
 
 /// What the options leave to the choice.
-Decided decided(const Arguments& a) {
+Decided decided(const Arguments& a, const Regressor& regressor) {
   Decided d;
+  if (!a.position_torque.empty()) d.by_position = by_position(a, regressor);
   if (a.preparation.cutoff_hz > 0) d.cutoff_hz = a.preparation.cutoff_hz;
   if (a.preparation.decimation > 0) d.decimation = a.preparation.decimation;
   if (a.no_offset) d.offset = false;
@@ -374,9 +391,10 @@ DynamicsChoice choice_of(const Arguments& a, const friction::LawInfo* given, con
                          const std::vector<RobotRecording>& recordings, std::span<const double> torque_max_nm,
                          Progress& progress) {
   if (!given)
-    return or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings, decided(a),
-                                          torque_max_nm, a.threads, [&](double share) { progress(0.9 * share); }));
-  return {.setting = setting_of(a, *given), .trials = {}};
+    return or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings,
+                                          decided(a, robot.regressor), torque_max_nm, a.threads,
+                                          [&](double share) { progress(0.9 * share); }));
+  return {.setting = setting_of(a, robot.regressor, *given), .trials = {}};
 }
 
 bool finds_lag(const Arguments& a) { return a.lag == std::vector<std::string>{"auto"}; }
@@ -424,23 +442,36 @@ Result<DynamicsFit> without_lag(const Robot& robot, const std::vector<RobotRecor
   return std::move(found->fit);
 }
 
+/// Whether two joints' speeds are proportional: then the motion of either explains both torques, whosever they are.
+bool move_alike(const JointMotion& motion, Index a, Index b) {
+  constexpr double alike = 0.95;
+  const auto va = motion.qd.row(a), vb = motion.qd.row(b);
+  return std::abs(va.dot(vb)) > alike * va.norm() * vb.norm();
+}
+
 /// Whether torques that the motion does not explain are explained with the other sign, or as those of another joint
-/// that is not explained well either.
+/// that is not explained well either: what was changed has to be explained, and all torques clearly better than as they
+/// were recorded. Joints that move alike say nothing.
 bool explained_otherwise(const std::vector<Index>& joints, const DynamicsFit& fit, const JointMotion& motion,
                          const Fit& fit_of) {
-  constexpr double clearly = 0.5, well = 0.3;
+  constexpr double explained = 0.5, well = 0.3, clearly = 0.6;
   const auto explains = [&](JointMotion changed, std::initializer_list<Index> which) {
     const auto other = fit_of(changed);
-    return other && std::ranges::all_of(which, [&](Index j) {
-             return other->joints[static_cast<std::size_t>(j)].relative_error < clearly;
-           });
+    if (!other) return false;
+    double log_ratio = 0;  // over all joints: what is wrong with one column spoils the others' errors too
+    for (std::size_t j = 0; j < fit.joints.size(); ++j)
+      if (fit.joints[j].samples > 0)
+        log_ratio += std::log(other->joints[j].relative_error / fit.joints[j].relative_error);
+    return log_ratio < static_cast<double>(which.size()) * std::log(clearly) &&
+           std::ranges::all_of(
+               which, [&](Index j) { return other->joints[static_cast<std::size_t>(j)].relative_error < explained; });
   };
   for (const Index j : joints) {
     JointMotion changed = motion;
     changed.torque.row(j) *= -1;
     if (explains(std::move(changed), {j})) return true;
     for (const Index k : unexplained(fit, well)) {
-      if (j == k) continue;
+      if (j == k || move_alike(motion, j, k)) continue;
       changed = motion;
       changed.torque.row(j).swap(changed.torque.row(k));
       if (explains(std::move(changed), {j, k})) return true;
@@ -690,6 +721,7 @@ std::string text_of(const Report& r) {
 void refuse_beside_iv(const Arguments& a, const friction::LawInfo* law) {
   if (!a.iv) return;
   const std::pair<bool, std::string_view> others[] = {{a.asymmetry, "--asymmetry"},
+                                                      {!a.position_torque.empty(), "--position-torque"},
                                                       {robust_of(a.robust) != Robust::none, "--robust"},
                                                       {a.prior_percent.value_or(0) > 0, "--prior"},
                                                       {a.essential, "--essential"},
@@ -792,6 +824,11 @@ void add_model_options(CLI::App& command, const std::shared_ptr<Arguments>& a) {
           "data, as --friction auto does where it predicts better), or seconds, one for all joints or one each as A,B")
       ->delimiter(',');
   command.add_flag("--asymmetry", a->asymmetry, "Friction forward and reverse may differ by a factor");
+  command
+      .add_option("--position-torque", a->position_torque,
+                  "Hinges A,B beside whose friction a torque C cos q + S sin q acts, as of springs, cables and sensors "
+                  "that turn with them (default: none, or what --friction auto finds); none: no joint")
+      ->delimiter(',');
   command.add_option("--robust", a->robust, "Loss for data with outliers")
       ->check(CLI::IsMember({"auto", "none", "huber", "tukey"}))
       ->capture_default_str();

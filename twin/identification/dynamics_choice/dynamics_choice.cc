@@ -9,6 +9,7 @@
 
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
+#include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/coupling/coupling.hpp>
 
 namespace tribotwin::twin::identification {
@@ -57,9 +58,12 @@ class Chooser {
     if (auto ok = start(); !ok) return tl::unexpected(ok.error());
     if (!decided_.coupling && regressor_.motors().empty()) choose_coupling();
     search();
+    if (choose_position()) search();
     for (int lags = 0; !decided_.lag && lags < most_lags && choose_lag(); ++lags) search();
     if (take_prior()) search();
+    if (out_.setting.by_position.empty() && choose_position()) search();
     refine_stribeck();
+    refine_position();
     simplify();
     // The fit itself takes as many samples, up to ends and rests, as its own cut-off allows.
     out_.setting.signals.widest_hz = out_.setting.signals.narrowest_hz = 0;
@@ -76,6 +80,7 @@ class Chooser {
     Setting& s = out_.setting;
     s.law = decided_.law ? decided_.law : &coulomb_viscous();
     s.directional = {.offset = decided_.offset.value_or(true), .asymmetry = decided_.asymmetry.value_or(false)};
+    s.by_position = decided_.by_position.value_or(std::vector<std::string>{});
     s.robust = decided_.robust.value_or(Robust::none);
     s.rotor_inertia = decided_.rotor_inertia.value_or(true);
     s.prior = decided_.prior.value_or(0);
@@ -402,6 +407,49 @@ class Chooser {
       }
   }
 
+  /// Torque that depends on the joint's own position, C cos q + S sin q: of springs, cables and sensors, which no rigid
+  /// body explains. A claim about the mechanics, as a coupling is. Tried in all hinges, then in those that gained.
+  bool choose_position() {
+    constexpr double gained = 0.9;
+    if (decided_.law || decided_.by_position) return false;
+    std::vector<std::string> hinges, better;
+    for (Index r = 0; r < regressor_.rotors(); ++r)
+      if (may_depend_on_position(regressor_, r) && row_of(regressor_.joint_of(r)) >= 0)
+        hinges.push_back(regressor_.rotor_name(r));
+    auto all = tried(by_position(hinges));
+    if (!all) return false;
+    for (Index j = 0; j < regressor_.joints(); ++j)
+      if (const Index row = row_of(j); row >= 0 && all->found.rms(row) < gained * best_.rms(row) &&
+                                       std::ranges::find(hinges, regressor_.joint_name(j)) != hinges.end())
+        better.push_back(regressor_.joint_name(j));
+    if (!better.empty() && better.size() < hinges.size())
+      if (auto some = tried(by_position(better)); some && some->comparison.change < all->comparison.change)
+        all = std::move(some);
+    if (!is_better(all->comparison, coupled_gain, coupled_sigmas)) return false;
+    take(*std::move(all));
+    return true;
+  }
+
+  Candidate by_position(const std::vector<std::string>& joints) const {
+    Setting s = out_.setting;
+    s.by_position = joints;
+    return {"torque by position of " + joined(joints), std::move(s)};
+  }
+
+  /// Without it in joints that it hardly helps.
+  void refine_position() {
+    if (decided_.by_position) return;
+    for (const std::string& joint : std::vector(out_.setting.by_position)) {
+      std::vector<std::string> fewer = out_.setting.by_position;
+      std::erase(fewer, joint);
+      Setting s = out_.setting;
+      s.by_position = std::move(fewer);
+      if (auto t = tried({fmt::format("torque of {} not by position", joint), std::move(s)});
+          t && t->comparison.change < least_gain)
+        take(*std::move(t));
+    }
+  }
+
   void choose_coupling() {
     for (const CoupledMotor& motor : conceivable_motors(regressor_)) {
       std::vector<CoupledMotor> motors = regressor_.motors();
@@ -556,7 +604,8 @@ Result<DynamicsChoice> choose_dynamics(const mujoco::Model& model, const Regress
                                        const Decided& decided, std::span<const double> torque_max_nm, unsigned threads,
                                        const std::function<void(double share)>& progress) {
   Decided all = decided;
-  if (all.instruments) all.asymmetry = false, all.robust = Robust::none, all.prior = 0, all.lag = true;
+  if (all.instruments)
+    all.asymmetry = false, all.by_position.emplace(), all.robust = Robust::none, all.prior = 0, all.lag = true;
   return Chooser(model, regressor, base, recordings, all, torque_max_nm, threads, progress).run();
 }
 

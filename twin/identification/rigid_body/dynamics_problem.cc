@@ -89,7 +89,7 @@ class DynamicsProblem::Accumulator {
         parameters_(parameters),
         weight_(weight),
         regressor_(problem.regressor_),
-        by_(static_cast<Index>(friction::max_parameters) + 2, problem.regressor_.rotors()),
+        by_(static_cast<Index>(friction::max_parameters) + 4, problem.regressor_.rotors()),
         value_(VectorXd::Zero(problem.regressor_.rotors())),
         rigid_(problem.joints()),
         Yb_(problem.joints(), problem.base_size()) {
