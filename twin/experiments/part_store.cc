@@ -63,6 +63,7 @@ Result<void> PartStore::keep(const std::string& name, std::string_view text) {
 }
 
 Result<void> PartStore::force() {
+  if (appended_ >= 0 && ::fdatasync(appended_) != 0) return not_written(file_, errno);
   if (appended_ >= 0 && ::syncfs(appended_) != 0) return not_written(folder_, errno);
   forced_ = std::chrono::steady_clock::now();
   return {};
@@ -70,6 +71,7 @@ Result<void> PartStore::force() {
 
 Result<void> PartStore::finish() {
   if (auto ok = force(); !ok) return ok;
+  if (appended_ >= 0 && !appended_.close()) return not_written(file_, errno);
   std::string all;
   for (const auto& [name, sum] : sums_) all += fmt::format("{} {}\n", sum, name);
   if (all == lines_) return {};

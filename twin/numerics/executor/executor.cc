@@ -156,6 +156,7 @@ class Leader {
       if (parcel->kind == Kind::results)
         while (!in.empty()) over(parcel->from, get_done(in));
     }
+    ranks_.report_left(done);
     return any;
   }
 

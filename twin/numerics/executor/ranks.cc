@@ -67,20 +67,20 @@ std::optional<Ranks::Parcel> Ranks::poll() {
       shared_.insert_or_assign(operation, unpacked(in));
       continue;
     }
-    Parcel parcel{message->from, kind, message->bytes.substr(1)};
-    if (kind != Kind::leave) return parcel;
-    note_leave(parcel);
+    if (kind != Kind::leave) return Parcel{message->from, kind, message->bytes.substr(1)};
+    BytesIn in(std::string_view(message->bytes).substr(1));
+    const int code = in.get<int>();
+    left_.push_back({message->from, code, in.text()});
   }
   return std::nullopt;
 }
 
-void Ranks::note_leave(const Parcel& parcel) {
-  ++left_;
-  BytesIn in(parcel.bytes);
-  const int code = in.get<int>();
-  const std::string message = in.text();
-  if (code != done && !message.empty())
-    report_text(fmt::format("warning: {} failed where rank 0 did not: {}\n", name_of(parcel.from), message));
+void Ranks::report_left(int code) {
+  for (Left& one : left_) {
+    if (one.reported || one.code == done || one.code == code) continue;
+    one.reported = true;
+    report_text(fmt::format("warning: {} failed and rank 0 did not: {}\n", name_of(one.rank), one.message));
+  }
 }
 
 void Ranks::share(std::uint64_t operation, const Result<std::string>& outcome) {
@@ -92,7 +92,10 @@ void Ranks::share(std::uint64_t operation, const Result<std::string>& outcome) {
 
 std::optional<Result<std::string>> Ranks::shared(std::uint64_t operation) {
   if (auto found = shared_.extract(operation)) return std::move(found.mapped());
-  if (shared_.contains(last)) return work_failed("rank 0 has ended");
+  if (shared_.contains(last)) {
+    deserted_ = true;
+    return work_failed("rank 0 has ended");
+  }
   return std::nullopt;
 }
 
@@ -140,11 +143,10 @@ void Ranks::leave(int code, const std::string& message) {
   Pause pause;
   if (root()) {
     share(last, "");
-    // A rank that rank 0 left waiting says that rank 0 has ended: no news.
-    for (; left_ + 1 < static_cast<std::size_t>(size()); sleep(pause)) (void)poll();
+    for (; left_.size() + 1 < static_cast<std::size_t>(size()); sleep(pause)) (void)poll();
+    report_left(code);
   } else {
-    const bool told = shared_.contains(last);
-    post(0, Kind::leave, BytesOut().put(told ? int{done} : code).put(std::string_view(message)).take());
+    post(0, Kind::leave, BytesOut().put(deserted_ ? int{done} : code).put(std::string_view(message)).take());
     for (; !shared_.contains(last); sleep(pause)) (void)poll();
   }
   transport_->close();

@@ -50,7 +50,7 @@ class Ranks {
   /// Collective, first of all: whether every rank has the same `identity` (program, arguments). Otherwise they are
   /// programs of their own, and each is alone from now on. `host`: of this rank, for messages.
   bool join(const std::string& identity, const std::string& host);
-  /// Collective, last of all: rank 0 names on stderr what other ranks failed with, and waits for them.
+  /// Collective, last of all: rank 0 waits for the others and says what those failed with that failed alone.
   void leave(int code, const std::string& message);
 
   /// Collective: rank 0 makes it, all get it. ErrorKind::work where rank 0 has ended before.
@@ -67,19 +67,26 @@ class Ranks {
   void share(std::uint64_t operation, const Result<std::string>& outcome);
   /// The others: what rank 0 has shared, once it is there; an error once rank 0 has ended.
   std::optional<Result<std::string>> shared(std::uint64_t operation);
+  /// Rank 0: a warning for each rank that has ended with another code than this.
+  void report_left(int code);
   /// "rank 3 (HOST)".
   std::string name_of(int rank) const;
 
  private:
   static constexpr std::uint64_t last = UINT64_MAX;  ///< the operation with which rank 0 ends
   void forward(const std::string& bytes);
-  void note_leave(const Parcel& parcel);
 
   std::unique_ptr<Transport> transport_;
   std::uint64_t operation_ = 0;
   std::map<std::uint64_t, Result<std::string>> shared_;
   std::map<int, std::string> hosts_;
-  std::size_t left_ = 0;
+  struct Left {
+    int rank, code;
+    std::string message;
+    bool reported = false;
+  };
+  std::vector<Left> left_;
+  bool deserted_ = false;  ///< it failed because rank 0 did: no news to rank 0
 };
 
 /// Those of this process; one until join_ranks (mpi.hpp).

@@ -282,7 +282,7 @@ TEST(Ranks, ThatFailAreNamedAndTheOthersGoOn) {
   }
   EXPECT_THAT(results, SizeIs(30));
   EXPECT_THAT(testing::internal::GetCapturedStderr(),
-              HasSubstr("warning: rank 1 (node) failed where rank 0 did not: model.xml: does not exist"));
+              HasSubstr("warning: rank 1 (node) failed and rank 0 did not: model.xml: does not exist"));
 }
 
 TEST(Ranks, AreToldWhenRank0EndsBefore) {
