@@ -15,7 +15,7 @@
 
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
-#include <tribotwin/twin/numerics/executor/mpi_functions.h>
+#include <tribotwin/twin/numerics/executor/mpi_functions.hpp>
 #include <tribotwin/twin/numerics/executor/ranks.hpp>
 
 namespace tribotwin::twin {

@@ -1,4 +1,4 @@
-// libtribotwin_mpi.so: MPI behind the functions of mpi_functions.h. Loaded by mpi.cc when a launcher has started the
+// libtribotwin_mpi.so: MPI behind the functions of mpi_functions.hpp. Loaded by mpi.cc when a launcher has started the
 // program on several ranks.
 #include <chrono>
 #include <cstring>
@@ -10,7 +10,7 @@
 #define MPICH_SKIP_MPICXX 1
 #include <mpi.h>
 
-#include <tribotwin/twin/numerics/executor/mpi_functions.h>
+#include <tribotwin/twin/numerics/executor/mpi_functions.hpp>
 
 namespace {
 
@@ -38,14 +38,14 @@ int open(int* rank, int* size) {
   return 0;
 }
 
-int send(int to, const void* bytes, size_t size) {
+int send(int to, const void* bytes, std::size_t size) {
   forget_sent();
   Sent& one = under_way.emplace_back();
   one.bytes.assign(static_cast<const char*>(bytes), size);
   return MPI_Isend(one.bytes.data(), static_cast<int>(size), MPI_BYTE, to, tag, MPI_COMM_WORLD, &one.request);
 }
 
-int probe(int* from, size_t* size) {
+int probe(int* from, std::size_t* size) {
   forget_sent();
   int there = 0, count = 0;
   MPI_Status status;
@@ -53,11 +53,11 @@ int probe(int* from, size_t* size) {
   if (!there) return 0;
   MPI_Get_count(&status, MPI_BYTE, &count);
   *from = status.MPI_SOURCE;
-  *size = static_cast<size_t>(count);
+  *size = static_cast<std::size_t>(count);
   return 1;
 }
 
-int receive(void* bytes, size_t size) {
+int receive(void* bytes, std::size_t size) {
   return MPI_Mrecv(bytes, static_cast<int>(size), MPI_BYTE, &found, MPI_STATUS_IGNORE);
 }
 

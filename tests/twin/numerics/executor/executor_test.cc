@@ -366,7 +366,7 @@ TEST(Manager, TriesAFailedTaskOnAnotherRank) {
 struct Simulation {
   int ranks = 2;
   std::size_t tasks = 100;
-  double task_s = 1, message_s = 1e-5, keep_s = 0, latency_s = 1e-3, lead_s = 0.1;
+  double task_s = 1, message_s = 2e-5, keep_s = 0, latency_s = 1e-3, lead_s = 0.1;
 };
 struct Simulated {
   double efficiency, manager_busy;
