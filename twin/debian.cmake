@@ -1,6 +1,7 @@
 # Debian packages by `cpack --preset debian` after a build: tribotwin (programs, models, scenarios), libtribotwin-dev
-# (headers, libraries, CMake files) and, where MPI was found, tribotwin-mpi, with Debian's engine; tribotwin-plugin with -DTRIBOTWIN_PLUGIN_ONLY=ON and an engine
-# of 3.2 or newer. Programs that link an engine that Debian lacks make no package.
+# (headers, libraries, CMake files) and, where MPI was found, tribotwin-mpi, with Debian's engine; tribotwin-plugin with
+# -DTRIBOTWIN_PLUGIN_ONLY=ON and an engine of 3.2 or newer. Programs that link an engine that Debian lacks make no
+# package.
 set(TRIBOTWIN_MAINTAINER "tribotwin developers <packages@tribotwin.invalid>" CACHE STRING
   "Maintainer in Debian packages: NAME <ADDRESS> of whoever builds them")
 if(TRIBOTWIN_PLUGIN_ONLY)
