@@ -23,6 +23,7 @@ ORDER = {
         "io/telemetry",
         "io/tables",
         "numerics",
+        "numerics/executor",
         "robot",
         "robot/coupling",
         "robot/inertial_prior",
