@@ -219,15 +219,26 @@ class Reader {
     plan_.points = unit_points(plan_.type, points, width, plan_.seed);
   }
 
-  /// The scenario of the first run, and at the ends of each factor.
+  /// The values that are tried first of all factors, and the estimates of all parameters.
+  std::vector<std::string> typical_settings() const {
+    std::vector<std::string> settings = settings_without_parameters();
+    for (const auto& set : plan_.parameters) {
+      for (const auto& [key, value] : set.fixed) settings.push_back(key + "=" + value);
+      for (std::size_t p = 0; p < set.size(); ++p)
+        settings.push_back(fmt::format("{}={}", set.keys[p], set.mean(static_cast<Eigen::Index>(p))));
+    }
+    return settings;
+  }
+
+  /// A typical scenario, and those at the ends of each factor.
   void try_scenarios() {
-    auto first = load_scenario(plan_.scenario, plan_.settings(0));
-    if (!first) in_.fail("scenario", first.error().message);
-    first_ = std::move(*first);
-    plan_.model = first_->model;
+    auto typical = load_scenario(plan_.scenario, typical_settings());
+    if (!typical) in_.fail("scenario", typical.error().message);
+    typical_ = std::move(*typical);
+    plan_.model = typical_->model;
     for (const Factor& f : plan_.factors)
       for (const auto& value : f.trial_values()) {
-        std::vector<std::string> settings = plan_.settings(0);
+        std::vector<std::string> settings = typical_settings();
         for (auto& setting : settings)
           if (setting.starts_with(f.key + "=")) setting = f.key + "=" + value;
         if (const auto tried = load_scenario(plan_.scenario, settings); !tried)
@@ -235,7 +246,7 @@ class Reader {
       }
     const std::atomic<bool> at_once = true;
     summary_ =
-        or_wrong_input(run(*first_, {.directory = {}, .stop = &at_once, .progress = {}, .sample = {}, .cycle = {}}));
+        or_wrong_input(run(*typical_, {.directory = {}, .stop = &at_once, .progress = {}, .sample = {}, .cycle = {}}));
   }
 
   void add_output(const std::string& name, const std::string& expression) {
@@ -245,7 +256,7 @@ class Reader {
     if (name == "run" || name == "status" || name == "message" || std::ranges::find(keys, name) != keys.end())
       in_.fail("outputs", fmt::format("'{}' is the name of another column; give the output another name: {{NAME: {}}}",
                                       name, expression));
-    auto output = parse_output(name, expression, *first_, summary_);
+    auto output = parse_output(name, expression, *typical_, summary_);
     if (!output) in_.fail("outputs", fmt::format("'{}': {}", expression, output.error().message));
     plan_.outputs.push_back(std::move(*output));
   }
@@ -275,7 +286,7 @@ class Reader {
     if (!bands) return;
     bands->accept({"telemetry", "times", "times_s"});
     for (const auto& name : bands->texts("telemetry")) {
-      auto signal = find_signal(name, *first_);
+      auto signal = find_signal(name, *typical_);
       if (!signal) bands->fail("telemetry", signal.error().message);
       if (std::ranges::find(plan_.bands, name, &Signal::name) != plan_.bands.end())
         bands->fail("telemetry", fmt::format("'{}' is given twice", name));
@@ -287,9 +298,9 @@ class Reader {
       plan_.band_times_s = bands->numbers("times_s", {0, 1e9});
       if (plan_.band_times_s.empty() || !std::ranges::is_sorted(plan_.band_times_s, std::less_equal<>{}))
         bands->fail("times_s", "must be ascending times [s]");
-      if (plan_.band_times_s.back() > first_->duration_s)
-        bands->fail("times_s", fmt::format("goes to {:g} s, but the first run lasts {:g} s", plan_.band_times_s.back(),
-                                           first_->duration_s));
+      if (plan_.band_times_s.back() > typical_->duration_s)
+        bands->fail("times_s", fmt::format("goes to {:g} s, but the run lasts {:g} s", plan_.band_times_s.back(),
+                                           typical_->duration_s));
     } else {
       set_band_times(bands->whole_or("times", 100, {2, 100000}));
     }
@@ -299,11 +310,11 @@ class Reader {
   /// `count` times of samples that all runs have, evenly from the first to the last.
   void set_band_times(std::size_t count) {
     const bool cycles = std::ranges::any_of(plan_.bands, &Signal::of_cycles);
-    const double timestep_s = (*first_->model)->opt.timestep;
+    const double timestep_s = (*typical_->model)->opt.timestep;
     const double period_s =
-        cycles ? static_cast<double>(std::llround(first_->motion->period_s() / timestep_s)) * timestep_s
-               : static_cast<double>(steps_per_sample(*first_)) * timestep_s;
-    const double samples = std::floor(first_->duration_s / period_s * (1 + 1e-12) - (cycles ? 0 : 1e-6));
+        cycles ? static_cast<double>(std::llround(typical_->motion->period_s() / timestep_s)) * timestep_s
+               : static_cast<double>(steps_per_sample(*typical_)) * timestep_s;
+    const double samples = std::floor(typical_->duration_s / period_s * (1 + 1e-12) - (cycles ? 0 : 1e-6));
     for (std::size_t i = 0; i < count; ++i) {
       const double t = std::round(samples * static_cast<double>(i) / static_cast<double>(count - 1)) * period_s;
       if (plan_.band_times_s.empty() || t > plan_.band_times_s.back()) plan_.band_times_s.push_back(t);
@@ -339,7 +350,7 @@ class Reader {
     YAML::Node all = YAML::Clone(root_);
     all.remove("description");
     all["scenario"] = plan_.scenario.string();
-    all["scenario_of_first_run"] = YAML::Load(first_->resolved_yaml);
+    all["resolved_scenario"] = YAML::Load(typical_->resolved_yaml);
     if (!checksums_.empty()) all["parameters_crc32"] = checksums_;
     all["runs"] = plan_.runs;
     plan_.resolved = all;
@@ -353,7 +364,7 @@ class Reader {
   Plan plan_;
   std::set<std::string> taken_;
   std::vector<std::string> checksums_;
-  std::optional<Scenario> first_;
+  std::optional<Scenario> typical_;
   Summary summary_{};
 };
 

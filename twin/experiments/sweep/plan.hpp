@@ -35,7 +35,7 @@ struct Plan {
   std::vector<double> quantiles;
   std::vector<std::pair<std::size_t, double>> narrower_than;  ///< stop: output, width of the interval of its mean
   std::optional<std::size_t> failures;                        ///< stop where more runs fail
-  std::shared_ptr<const mujoco::Model> model;                 ///< of the first run
+  std::shared_ptr<const mujoco::Model> model;                 ///< of a typical run: factors at the value that is tried first
   YAML::Node resolved;                                        ///< all that results depend on
   std::vector<std::string> notes;
 
@@ -55,7 +55,7 @@ struct Plan {
   bool independent(std::size_t run) const { return !saltelli || saltelli->independent(run); }
 };
 
-/// Reads and checks a plan: every key, the scenario of the first run and those at the ends of each factor.
+/// Reads and checks a plan: every key, a typical scenario and those at the ends of each factor.
 /// ErrorKind::input with file, line, key and what would be right.
 Result<Plan> load_plan(const std::filesystem::path& file);
 

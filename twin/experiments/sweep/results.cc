@@ -154,9 +154,10 @@ void note_quantiles(const Plan& plan, const std::vector<RunResult>& runs, Json& 
   for (std::size_t r = 0; r < runs.size(); ++r) count += plan.independent(r) && !runs[r].failed();
   const double rarest = std::min(plan.quantiles.front(), 1 - plan.quantiles.back());
   if (const double needed = std::ceil(1 / rarest - 1 - 1e-9); static_cast<double>(count) < needed)
-    notes.push_back(fmt::format("{} runs are too few for the outer quantiles, which are the smallest and largest value "
-                                "here; {:g} reach from {:g} to {:g}",
-                                count, needed, plan.quantiles.front(), plan.quantiles.back()));
+    notes.push_back(
+        fmt::format("{} runs are too few for the outer quantiles, which are the smallest and largest value "
+                    "here; {:g} reach from {:g} to {:g}",
+                    count, needed, plan.quantiles.front(), plan.quantiles.back()));
 }
 
 std::string interval_note(const Plan& plan) {

@@ -149,7 +149,7 @@ Result<SweepStatus> read_status(const fs::path& directory) try {
   };
   if (!fs::is_regular_file(directory / "campaign.yaml", error)) return none("holds no sweep (no campaign.yaml)");
   const YAML::Node plan = load_yaml(directory / "campaign.yaml");
-  if (!plan["scenario_of_first_run"] || !plan["runs"]) return none("holds another kind of campaign");
+  if (!plan["resolved_scenario"] || !plan["runs"]) return none("holds another kind of campaign");
   SweepStatus status{.planned = plan["runs"].as<std::size_t>(), .seconds_left = {}};
   std::vector<fs::file_time_type> times;
   for (std::size_t r = 0; r < status.planned; ++r) {
