@@ -35,8 +35,9 @@ struct Plan {
   std::vector<double> quantiles;
   std::vector<std::pair<std::size_t, double>> narrower_than;  ///< stop: output, width of the interval of its mean
   std::optional<std::size_t> failures;                        ///< stop where more runs fail
-  std::shared_ptr<const mujoco::Model> model;                 ///< of a typical run: factors at the value that is tried first
-  YAML::Node resolved;                                        ///< all that results depend on
+  /// Of a typical run: factors at the value that is tried first.
+  std::shared_ptr<const mujoco::Model> model;
+  YAML::Node resolved;  ///< all that results depend on
   std::vector<std::string> notes;
 
   /// Column names of the values that differ between runs: factors, then drawn parameters.
