@@ -176,7 +176,7 @@ for kind in commands_in(run(tribotwin, "list", "--help").stdout):
 files = {f[:-5] for f in os.listdir(os.path.join(options.source, "twin", "scenarios")) if f.endswith(".yaml")}
 check(
     "list: every shipped file is in one list",
-    sorted(tables["scenarios"] + tables["campaigns"] + tables["fits"]) == sorted(files),
+    sorted(tables["scenarios"] + tables["campaigns"] + tables["fits"] + tables["plans"]) == sorted(files),
     tables,
 )
 old = {line.split()[0] for line in run(tribotwin, "run", "--list").stdout.splitlines()}
