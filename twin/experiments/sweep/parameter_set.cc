@@ -134,6 +134,14 @@ Result<void> require_torque(const fs::path& file, const drive::Drive& drive, con
 
 /// The friction of a joint in a file of dynamics.
 Result<Identified> of_dynamics(const fs::path& file, const identification::FrictionEstimates& joint) {
+  if (!friction::find_law(joint.law)) {
+    std::vector<std::string_view> names;
+    for (const auto& law : friction::laws()) names.push_back(law.name);
+    return tl::unexpected(
+        Error(fmt::format("{}: friction_law: '{}' is not a law of drives; run tribotwin dynamics with "
+                          "--friction and one of {}",
+                          file.string(), joint.law, joined(names))));
+  }
   Identified found;
   std::vector<std::pair<std::string, double>> values;
   for (const Estimate& e : joint.estimates) {
@@ -193,6 +201,7 @@ Result<std::vector<ParameterSet>> robot_parameters(const fs::path& file, const m
   const auto read = identification::read_friction(file);
   if (!read) return tl::unexpected(read.error());
   std::vector<ParameterSet> sets;
+  const YAML::Node coupling = load_yaml(file)["coupling"];
   for (const auto& joint : *read) {
     const auto index = find_drive(model, joint.joint);
     if (!index) return tl::unexpected(Error(fmt::format("{}: {}", file.string(), index.error().message)));
@@ -210,6 +219,10 @@ Result<std::vector<ParameterSet>> robot_parameters(const fs::path& file, const m
                       file.string(), joint.joint));
     sets.push_back(std::move(*set));
   }
+  if (sets.empty()) return tl::unexpected(Error(fmt::format("{}: friction: names no joint", file.string())));
+  if (coupling && coupling.IsMap() && coupling.size() > 0)
+    sets[0].notes.push_back(fmt::format(
+        "{}: the friction of coupled motors is no drive's; the simulated robot does not have it", file.string()));
   return sets;
 }
 

@@ -226,11 +226,12 @@ Result<std::vector<FrictionEstimates>> read_friction(const std::filesystem::path
   Mapping in(file.string(), "", root);
   const std::string law = in.text("friction_law");
   auto friction = in.mapping("friction"), correlation = in.mapping("friction_correlation"),
-       largest = in.mapping("torque_max_nm");
+       largest = in.mapping("torque_max_nm"), coupling = in.mapping("coupling");
   if (!friction) in.fail("friction", "is missing: a mapping of joints");
   constexpr double nan = std::numeric_limits<double>::quiet_NaN();
   std::vector<FrictionEstimates> all;
   for (const auto& name : friction->names()) {
+    if (coupling && coupling->has(name)) continue;
     auto parameters = friction->mapping(name);
     FrictionEstimates& joint =
         all.emplace_back(FrictionEstimates{.joint = name, .law = law, .estimates = {}, .covariance = {}});

@@ -63,8 +63,8 @@ struct FrictionEstimates {
   bool correlated = true;  ///< false: a file of an earlier version, without correlations; the covariance is diagonal
 };
 
-/// The friction of all joints that a file of to_yaml has, without the model. ErrorKind::input with file, key and what
-/// would be right.
+/// The friction of all joints that a file of to_yaml has, without the model and without coupled motors.
+/// ErrorKind::input with file, key and what would be right.
 Result<std::vector<FrictionEstimates>> read_friction(const std::filesystem::path& file);
 
 /// The coupled motors of a file of to_yaml, which the regressor needs before the rest can be read; `robot`: the

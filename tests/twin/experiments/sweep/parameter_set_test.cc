@@ -140,5 +140,15 @@ TEST(ParameterSet, OfARobot) {
   }
 }
 
+TEST(ParameterSet, OfARobotWithoutALawOfDrives) {
+  const auto model = *mujoco::load_file(TRIBOTWIN_SOURCE_DIR "/mjcf/irb6620.xml");
+  std::string text = robot;
+  text.replace(text.find("friction_law: load"), 18, "friction_law: coulomb_viscous");
+  const File file(text);
+  const auto sets = robot_parameters(file.path, *model);
+  ASSERT_FALSE(sets);
+  EXPECT_THAT(sets.error().message, testing::HasSubstr("'coulomb_viscous' is not a law of drives; run tribotwin "));
+}
+
 }  // namespace
 }  // namespace tribotwin::twin::sweep
