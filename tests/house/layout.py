@@ -46,6 +46,7 @@ ORDER = {
         "experiments/friction",
         "experiments/fault_study",
         "experiments/working_days",
+        "experiments/sweep",
         "examples",
         "commands",
         "scenarios",

@@ -143,6 +143,57 @@ int joint_of(const Mapping& in, const std::string& key, const std::string& name,
   in.fail(key, fmt::format("'{}' is no joint of the model; the file is one of another robot", name));
 }
 
+/// Per joint, the correlations of the parameters with a sigma, in their order.
+void write_correlation(YAML::Emitter& out, const DynamicsFit& fit) {
+  if (fit.friction_covariance.empty()) return;
+  out << YAML::Key << "friction_correlation" << YAML::Value << YAML::BeginMap;
+  for (std::size_t j = 0; j < fit.friction_covariance.size() && j < fit.joints.size(); ++j) {
+    if (fit.joints[j].samples == 0) continue;
+    const auto& covariance = fit.friction_covariance[j];
+    std::vector<Index> with_sigma;
+    for (Index p = 0; p < covariance.rows(); ++p)
+      if (!std::isnan(fit.friction[j][static_cast<std::size_t>(p)].sigma)) with_sigma.push_back(p);
+    out << YAML::Key << fit.joints[j].name << YAML::Value << YAML::Flow << YAML::BeginSeq;
+    for (const Index a : with_sigma) {
+      std::vector<double> row;
+      for (const Index b : with_sigma) {
+        const double r = covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
+        row.push_back(a == b ? 1 : std::isfinite(r) ? r : 0);
+      }
+      out << row;
+    }
+    out << YAML::EndSeq;
+  }
+  out << YAML::EndMap;
+}
+
+/// Into the covariance of a joint whose estimates are read.
+void read_correlation(Mapping& all, FrictionEstimates& joint) {
+  const YAML::Node rows = all.raw(joint.joint);
+  std::vector<Index> with_sigma;
+  for (std::size_t p = 0; p < joint.estimates.size(); ++p)
+    if (!std::isnan(joint.estimates[p].sigma)) with_sigma.push_back(static_cast<Index>(p));
+  const auto fits = [&](const YAML::Node& list) {
+    return list && list.IsSequence() && list.size() == with_sigma.size();
+  };
+  const auto wrong = [&]() {
+    all.fail(joint.joint,
+             fmt::format("must be {0} lists of {0} numbers within -1 .. 1, for the parameters with a sigma",
+                         with_sigma.size()));
+  };
+  if (!fits(rows)) wrong();
+  for (std::size_t a = 0; a < with_sigma.size(); ++a) {
+    if (!fits(rows[a])) wrong();
+    for (std::size_t b = 0; b < with_sigma.size(); ++b) {
+      const double r = rows[a][b].as<double>(2);
+      if (!(std::abs(r) <= 1.000001)) wrong();
+      const Index i = with_sigma[a], k = with_sigma[b];
+      joint.covariance(i, k) =
+          r * joint.estimates[static_cast<std::size_t>(i)].sigma * joint.estimates[static_cast<std::size_t>(k)].sigma;
+    }
+  }
+}
+
 void write_gains(YAML::Emitter& out, const std::vector<Estimate>& gains) {
   if (gains.empty()) return;
   out << YAML::Key << "drive_gains" << YAML::Value << YAML::BeginMap;
@@ -171,6 +222,39 @@ std::vector<Estimate> read_gains(Mapping& in, const Regressor& robot) {
 }
 
 }  // namespace
+
+Result<std::vector<FrictionEstimates>> read_friction(const std::filesystem::path& file) try {
+  const YAML::Node root = load_yaml(file);
+  refuse_other_kind(root, file.string(), "tribotwin dynamics");
+  Mapping in(file.string(), "", root);
+  const std::string law = in.text("friction_law");
+  auto friction = in.mapping("friction"), correlation = in.mapping("friction_correlation"),
+       largest = in.mapping("torque_max_nm"), coupling = in.mapping("coupling");
+  if (!friction) in.fail("friction", "is missing: a mapping of joints");
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  std::vector<FrictionEstimates> all;
+  for (const auto& name : friction->names()) {
+    if (coupling && coupling->has(name)) continue;
+    auto parameters = friction->mapping(name);
+    FrictionEstimates& joint =
+        all.emplace_back(FrictionEstimates{.joint = name, .law = law, .estimates = {}, .covariance = {}});
+    if (largest) joint.torque_max_nm = largest->number(name, {1e-9, 1e9});
+    for (const auto& p : parameters->names()) {
+      Estimate& e = joint.estimates.emplace_back(Estimate{.name = p, .unit = {}, .low = nan, .high = nan});
+      e.value = read_estimate(*parameters, p, {}, &e.sigma);
+    }
+    const auto size = std::ssize(joint.estimates);
+    joint.covariance = Eigen::MatrixXd::Constant(size, size, nan);
+    for (Index p = 0; p < size; ++p)
+      if (const double sigma = joint.estimates[static_cast<std::size_t>(p)].sigma; !std::isnan(sigma))
+        joint.covariance(p, p) = sigma * sigma;
+    joint.correlated = correlation && correlation->has(name);
+    if (joint.correlated) read_correlation(*correlation, joint);
+  }
+  return all;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
+}
 
 Result<std::vector<CoupledMotor>> read_coupling(const std::filesystem::path& file, const Regressor& robot) try {
   std::vector<CoupledMotor> motors;
@@ -226,6 +310,7 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
     out << YAML::EndMap;
   }
   out << YAML::EndMap;
+  write_correlation(out, fit);
   if (std::ranges::any_of(origin.left_out, [](const std::string& why) { return !why.empty(); })) {
     out << YAML::Key << "left_out" << YAML::Value << YAML::BeginMap;
     for (std::size_t j = 0; j < origin.left_out.size(); ++j)
@@ -294,6 +379,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
              "condition_number",
              "base_parameters",
              "friction",
+             "friction_correlation",
              "left_out",
              "lag",
              "thermal",

@@ -55,6 +55,19 @@ struct DynamicsFile {
 Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regressor& regressor,
                                    const BaseParameters& base);
 
+/// The friction of one joint in a file of to_yaml.
+struct FrictionEstimates {
+  std::string joint, law;
+  double torque_max_nm = 0;         ///< 0: the file does not say, being one of a model with drives
+  std::vector<Estimate> estimates;  ///< sigma NaN where not estimated
+  Eigen::MatrixXd covariance;       ///< of these; NaN rows where not estimated
+  bool correlated = true;  ///< false: a file of an earlier version, without correlations; the covariance is diagonal
+};
+
+/// The friction of all joints that a file of to_yaml has, without the model and without coupled motors.
+/// ErrorKind::input with file, key and what would be right.
+Result<std::vector<FrictionEstimates>> read_friction(const std::filesystem::path& file);
+
 /// The coupled motors of a file of to_yaml, which the regressor needs before the rest can be read; `robot`: the
 /// model's, with motors or without. ErrorKind::input with file, key and what would be right.
 Result<std::vector<CoupledMotor>> read_coupling(const std::filesystem::path& file, const Regressor& robot);
