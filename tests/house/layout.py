@@ -48,6 +48,7 @@ ORDER = {
         "experiments/working_days",
         "experiments/sweep",
         "examples",
+        "commands/calibrate",
         "commands",
         "scenarios",
         "",
