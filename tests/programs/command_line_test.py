@@ -176,7 +176,7 @@ for kind in commands_in(run(tribotwin, "list", "--help").stdout):
 files = {f[:-5] for f in os.listdir(os.path.join(options.source, "twin", "scenarios")) if f.endswith(".yaml")}
 check(
     "list: every shipped file is in one list",
-    sorted(tables["scenarios"] + tables["campaigns"] + tables["fits"]) == sorted(files),
+    sorted(tables["scenarios"] + tables["campaigns"] + tables["fits"] + tables["plans"]) == sorted(files),
     tables,
 )
 old = {line.split()[0] for line in run(tribotwin, "run", "--list").stdout.splitlines()}
@@ -195,6 +195,7 @@ for program, words, meant in (
     ("tribotwin", ("run", "irb6620_holds.yaml"), "irb6620_hold"),
     ("tribotwin", ("lab", "br609_campain", "-o", "x"), "br609_campaign"),
     ("tribotwin", ("calibrate", "xl330_fits"), "xl330_fit"),
+    ("tribotwin", ("sweep", "irb6620_swep", "--dry-run"), "irb6620_sweep"),
     ("tribotwin", ("curve", "irb6602", "--joint", "joint2"), "irb6620"),
     ("tribotwin", ("curve", "mjcf/irb6602.xml", "--joint", "joint2"), "irb6620"),
     ("tribotwin", ("curve", "irb6620", "--joint", "jiont2"), "joint2"),
@@ -299,6 +300,7 @@ for name, words, expected in (
     ("--color", ("run", "--color", "n"), {"never"}),
     ("a scenario", ("run", "irb6620_w"), {"irb6620_warmup"}),
     ("a campaign", ("lab", "br"), {"br609_campaign", "br609_diagnosis"}),
+    ("a plan", ("sweep", "irb"), {"irb6620_sweep"}),
     ("a model", ("curve", "irb"), {"irb6620"}),
     ("a law", ("identify", "--law", "exten"), {"extended"}),
     ("a list", ("list", "f"), {"faults", "fits"}),

@@ -106,6 +106,12 @@ commands = [
             "lab", ("tribotwin", "lab", "{in}/campaign.yaml", "-o", "out", "--threads", "1"), ("out/",), resumable=True
         ),
         Command(
+            "sweep",
+            ("tribotwin", "sweep", "{in}/plan.yaml", "-o", "out", "--threads", "1"),
+            ("out/",),
+            resumable=True,
+        ),
+        Command(
             "calibrate",
             ("tribotwin", "calibrate", "{in}/fit.yaml", "-o", "out", "--threads", "1"),
             ("out/",),
@@ -683,6 +689,13 @@ series:
     load: {by: torque, norm: [0, 0.2]}
     temperature: {prescribed_degC: [30, 40]}
 """
+PLAN = """scenario: scenario.yaml
+set: {duration_s: 1}
+factors: {temperature_degC: [20, 40]}
+design: {type: grid}
+outputs: [heat_J, max(hinge.temperature_degC)]
+bands: {telemetry: [hinge.friction_nm], times: 5}
+"""
 FIT = """recordings: {files: made_*.json}
 hold_out: {folds: by kp}
 search: {starts: 1, evaluations: 12}
@@ -759,6 +772,7 @@ def write_models():
     write("varied.yaml", "model: pendulum.xml\nduration_s: 1\nvary: [{temperature_degC: [20, 30]}]\n" + MOTION)
     write("campaign.yaml", CAMPAIGN)
     write("fit.yaml", FIT)
+    write("plan.yaml", PLAN)
     t = np.arange(0, 1.5, 0.01)
     for kp in (200, 400):
         write(

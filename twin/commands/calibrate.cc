@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/commands/calibrate_results.hpp>
+#include <tribotwin/twin/commands/calibrate/results.hpp>
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>

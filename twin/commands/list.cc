@@ -33,6 +33,7 @@ Json shipped(Purpose purpose) {
 Json scenarios() { return shipped(Purpose::scenario); }
 Json campaigns() { return shipped(Purpose::campaign); }
 Json fits() { return shipped(Purpose::fit); }
+Json plans() { return shipped(Purpose::plan); }
 
 /// The first sentence of the comment at the head of a model, which says what it is.
 std::string head_of(const std::string& model) {
@@ -124,6 +125,7 @@ constexpr Kind kinds[] = {
     {"scenarios", "Motions that ship, for tribotwin run and tribotwin-hil", scenarios},
     {"campaigns", "Series of measurements that ship, for tribotwin lab", campaigns},
     {"fits", "Fits of whole twins that ship, for tribotwin calibrate", fits},
+    {"plans", "Sweeps of a scenario that ship, for tribotwin sweep", plans},
     {"models", "Robots that ship", models},
     {"laws", "Friction laws, for models and tribotwin identify", laws},
     {"faults", "Faults of a drive, for events of scenarios", faults},

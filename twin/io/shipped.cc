@@ -49,6 +49,7 @@ std::vector<fs::path> shipped_scenarios(Purpose purpose) {
     const YAML::Node tree = load_yaml(file);
     const Purpose own = tree["procedure"]                        ? Purpose::campaign
                         : tree["recordings"] && tree["variants"] ? Purpose::fit
+                        : tree["scenario"] && tree["design"]     ? Purpose::plan
                                                                  : Purpose::scenario;
     return own != purpose;
   });

@@ -16,8 +16,9 @@ std::filesystem::path shipped_folder();
 std::vector<std::filesystem::path> shipped_models();
 std::vector<std::filesystem::path> shipped_scenarios();
 
-/// What a shipped file is for: a motion (`run`), measurements (`lab`), recordings to fit twins to (`calibrate`).
-enum class Purpose { scenario, campaign, fit };
+/// What a shipped file is for: a motion (`run`), measurements (`lab`), recordings to fit twins to (`calibrate`), many
+/// runs (`sweep`).
+enum class Purpose { scenario, campaign, fit, plan };
 std::vector<std::filesystem::path> shipped_scenarios(Purpose purpose);
 
 /// The file that a user names: as given, or, where no such file exists, the shipped one of that name or path:

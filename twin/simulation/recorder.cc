@@ -18,12 +18,6 @@ namespace fs = std::filesystem;
 Error as_work(const Error& error) { return {error.message, ErrorKind::work}; }
 tl::unexpected<Error> not_recorded(const Error& error) { return tl::make_unexpected(as_work(error)); }
 
-/// Steps from one sample to the next.
-std::int64_t steps_per_sample(const Scenario& scenario) {
-  const double timestep_s = scenario.model->get()->opt.timestep;
-  return std::max<std::int64_t>(1, std::llround(1 / (scenario.telemetry_rate_hz * timestep_s)));
-}
-
 /// A large record that does not fit is refused before anything is written; a small one grows until the disk is full.
 Result<void> check_space(const fs::path& directory, const Scenario& scenario) {
   constexpr double large_bytes = 100e6;
@@ -41,6 +35,11 @@ Result<void> check_space(const fs::path& directory, const Scenario& scenario) {
 }
 
 }  // namespace
+
+std::int64_t steps_per_sample(const Scenario& scenario) {
+  const double timestep_s = scenario.model->get()->opt.timestep;
+  return std::max<std::int64_t>(1, std::llround(1 / (scenario.telemetry_rate_hz * timestep_s)));
+}
 
 double predicted_bytes(const Scenario& scenario) {
   constexpr double checked = 1.003;  // checksums and the index of the chunks

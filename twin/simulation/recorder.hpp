@@ -13,6 +13,9 @@
 /// The files that a run leaves in its folder.
 namespace tribotwin::twin {
 
+/// Steps from one sample to the next.
+std::int64_t steps_per_sample(const Scenario& scenario);
+
 /// Size that telemetry.h5 of a whole run will have [byte], within 5 %. Of a multi-rate run at least: its cycles alone,
 /// because how many of them are computed is not known before.
 double predicted_bytes(const Scenario& scenario);

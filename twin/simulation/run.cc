@@ -30,6 +30,7 @@ class Runner {
         timestep_s_(scenario_.model->get()->opt.timestep),
         total_(twin_.steps_total()),
         cycle_(scenario_.motion ? std::llround(scenario_.motion->period_s() / timestep_s_) : 0),
+        every_(steps_per_sample(scenario_)),
         drives_(scenario_.model->drives().size()),
         extrapolation_(scenario_, cycle_) {
     const auto springs = scenario_.model->springs().size();
@@ -95,6 +96,7 @@ class Runner {
       if (auto step = twin_.step(); !step) return tl::unexpected(step.error());
       if (recorder_)
         if (auto ok = recorder_->sample(twin_, k); !ok) return ok;
+      if (options_.sample && k % every_ == 0) options_.sample(twin_, static_cast<double>(k) * timestep_s_);
       watch_transmissions();
       if (k % 1024 == 0) report();
       if (options_.realtime)
@@ -145,10 +147,11 @@ class Runner {
   template <class SampleOf>
   Result<void> record_cycle(double time_s, const SampleOf& sample_of) {
     ++cycles_;
-    if (!recorder_) return {};
+    if (!recorder_ && !options_.cycle) return {};
     cycle_samples_.clear();
     for (std::size_t i = 0; i < drives_; ++i) cycle_samples_.push_back(sample_of(i));
-    return recorder_->append_cycle(time_s, cycle_samples_);
+    if (options_.cycle) options_.cycle(time_s, cycle_samples_);
+    return recorder_ ? recorder_->append_cycle(time_s, cycle_samples_) : Result<void>{};
   }
 
   Result<void> record_computed(const CycleMap& map) {
@@ -256,7 +259,7 @@ class Runner {
   RecordingComparison comparison_;
   std::unique_ptr<Recorder> recorder_;
   double timestep_s_;
-  std::int64_t total_, cycle_, cycles_ = 0, skipped_cycles_ = 0;
+  std::int64_t total_, cycle_, every_, cycles_ = 0, skipped_cycles_ = 0;
   std::size_t drives_;
   CycleExtrapolation extrapolation_;
   std::vector<CycleSample> cycle_samples_;

@@ -17,6 +17,10 @@ struct RunOptions {
   bool realtime = false;                    ///< not faster than the clock
   const std::atomic<bool>* stop = nullptr;  ///< when true, ends the run after the current step
   std::function<void(double share, double seconds_left)> progress;
+  /// What telemetry.h5 would hold, also without a directory: after each step that it has a sample of (time_s is that of
+  /// its start), and at the end of each work cycle, skipped ones included.
+  std::function<void(const Twin&, double time_s)> sample;
+  std::function<void(double time_s, std::span<const CycleSample>)> cycle;
 };
 
 /// Runs a scenario to its end. With a directory: telemetry.h5 grows during the run; summary.json is written last and

@@ -7,6 +7,7 @@
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/drive_change.hpp>
 #include <tribotwin/twin/simulation/health.hpp>
 #include <tribotwin/twin/simulation/scenario_input.hpp>
 
@@ -21,7 +22,8 @@ constexpr double max_period_steps = 1e7;  ///< of a wave, whose loop is kept ste
 constexpr std::string_view keys[] = {
     "name",       "description",       "seed",      "timestep_s", "integrator",   "solver",           "model",
     "duration_s", "telemetry_rate_hz", "keyframe",  "start_rad",  "ambient_degC", "temperature_degC", "motion",
-    "control",    "actuators",         "multirate", "events",     "baseline",     "expects",          "vary"};
+    "control",    "actuators",         "multirate", "events",     "baseline",     "expects",          "vary",
+    "drives"};
 
 mujoco::Options engine_options(Mapping& in) {
   mujoco::Options options;
@@ -30,6 +32,29 @@ mujoco::Options engine_options(Mapping& in) {
   if (in.has("integrator")) options.integrator = in.text("integrator");
   if (in.has("solver")) options.solver = in.text("solver");
   return options;
+}
+
+/// Keys of drives that replace those of the model.
+std::vector<DriveChange> drive_changes(Mapping& in) {
+  std::vector<DriveChange> changes;
+  auto drives = in.mapping("drives");
+  if (!drives) return changes;
+  for (const auto& joint : drives->names()) {
+    auto of_joint = drives->mapping(joint);
+    if (!of_joint) drives->fail(joint, "must be a mapping of the drive's keys, for example {Fc0: 0.03}");
+    DriveChange& change = changes.emplace_back(DriveChange{.joint = joint, .keys = {}});
+    for (const auto& key : of_joint->names()) change.keys.emplace_back(key, of_joint->text(key));
+  }
+  return changes;
+}
+
+void read_model(Mapping& in, Scenario& s, const fs::path& folder, YAML::Node root, const mujoco::Options& options) {
+  const fs::path file = resolve_file(folder, in, root, "model");
+  const std::vector<DriveChange> changes = drive_changes(in);
+  auto model = load_with_drives(file, changes, options);
+  // Of a model that loads as it is, the changes are what is wrong.
+  if (!model && !changes.empty() && mujoco::load_file(file, options)) in.fail("drives", model.error().message);
+  s.model = or_wrong_input(std::move(model));
 }
 
 void read_start(Mapping& in, Scenario& s) {
@@ -179,7 +204,7 @@ Scenario read_scenario(const fs::path& file, const std::vector<std::string>& set
   s.description = in.text_or("description", "");
   s.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   const mujoco::Options options = engine_options(in);
-  s.model = or_wrong_input(mujoco::load_file(resolve_file(folder, in, root, "model"), options));
+  read_model(in, s, folder, root, options);
   if (s.model->drives().empty())
     in.fail("model", fmt::format("{0} has no tribotwin.drive; make one: tribotwin add-drives {0} -o OUT.xml",
                                  root["model"].Scalar()));

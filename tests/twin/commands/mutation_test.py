@@ -306,7 +306,23 @@ faults = {
         {"kind": "over_temperature", "time_s": 0, "duration_s": 1, "node": 1, "temperature_degC": 120},
     ]
 }
+plan = {
+    "scenario": "scenario.yaml",
+    "set": {"duration_s": 0.2, "multirate.enabled": False},
+    "factors": {
+        "temperature_degC": {"uniform": [20, 40]},
+        "seed": [1, 2],
+        "telemetry_rate_hz": {"from": 50, "to": 100, "count": 2},
+        "ambient_degC": {"normal": [25, 1]},
+    },
+    "design": {"type": "sobol", "runs": 64, "seed": 1, "indices": True},
+    "outputs": ["heat_J", "max(joint2.friction_nm)", "time_above(joint2.friction_nm, 0.1)"],
+    "quantiles": [0.1, 0.9],
+    "bands": {"telemetry": ["joint2.friction_nm"], "times": 3},
+    "stop": {"narrower_than": {"heat_J": 1}, "failures": 3},
+}
 for name, document in (
+    ("plan", plan),
     ("scenario", scenario),
     ("replay", replay),
     ("varied", varied),
@@ -334,6 +350,7 @@ targets = [
     ("varied scenario", "varied.yaml", [program, "run", "varied.yaml", "-o", "out", "--json", "--quiet"]),
     ("recording", "goals.json", [program, "run", "replay.yaml", "-o", "out", "--json", "--quiet"]),
     ("campaign", "campaign.yaml", [program, "lab", "campaign.yaml", "-o", "out", "--quiet"]),
+    ("plan", "plan.yaml", [program, "sweep", "plan.yaml", "--dry-run", "--json"]),
     ("campaign of days", "days.yaml", [program, "lab", "days.yaml", "-o", "lab", "--quiet"]),
     ("calibration", "fit.yaml", [program, "calibrate", "fit.yaml", "-o", "out", "--json", "--quiet"]),
     (

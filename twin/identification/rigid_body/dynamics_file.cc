@@ -66,11 +66,13 @@ std::vector<JointRange> read_ranges(Mapping& in, const Regressor& regressor) {
 }
 
 /// Names of a rotor's friction parameters, in their order.
-std::vector<std::string> friction_names(const friction::LawInfo& law, Directional beside, bool coupled) {
+std::vector<std::string> friction_names(const friction::LawInfo& law, Directional beside, bool coupled,
+                                        bool by_position) {
   std::vector<std::string> names;
   for (const auto& p : law.parameters) names.emplace_back(p.name);
   if (beside.offset && !coupled) names.emplace_back(offset_name);
   if (beside.asymmetry) names.emplace_back(asymmetry_name);
+  if (by_position) names.emplace_back(cosine_name), names.emplace_back(sine_name);
   return names;
 }
 
@@ -123,7 +125,8 @@ void read_consistent(Mapping& in, const Regressor& regressor, const BaseParamete
       auto rotor = friction->mapping(regressor.rotor_name(r));
       if (!rotor) friction->fail(regressor.rotor_name(r), "is missing");
       auto value = dynamics.parameters.friction[static_cast<std::size_t>(r)].begin();
-      for (const auto& name : friction_names(*out.law, out.directional, regressor.is_coupled(r)))
+      for (const auto& name : friction_names(*out.law, out.directional, regressor.is_coupled(r),
+                                             out.by_position[static_cast<std::size_t>(r)]))
         *value++ = rotor->number(name);
       rotor->done();
     }
@@ -138,6 +141,57 @@ int joint_of(const Mapping& in, const std::string& key, const std::string& name,
   for (Index j = 0; j < robot.joints(); ++j)
     if (robot.joint_name(j) == name) return static_cast<int>(j);
   in.fail(key, fmt::format("'{}' is no joint of the model; the file is one of another robot", name));
+}
+
+/// Per joint, the correlations of the parameters with a sigma, in their order.
+void write_correlation(YAML::Emitter& out, const DynamicsFit& fit) {
+  if (fit.friction_covariance.empty()) return;
+  out << YAML::Key << "friction_correlation" << YAML::Value << YAML::BeginMap;
+  for (std::size_t j = 0; j < fit.friction_covariance.size() && j < fit.joints.size(); ++j) {
+    if (fit.joints[j].samples == 0) continue;
+    const auto& covariance = fit.friction_covariance[j];
+    std::vector<Index> with_sigma;
+    for (Index p = 0; p < covariance.rows(); ++p)
+      if (!std::isnan(fit.friction[j][static_cast<std::size_t>(p)].sigma)) with_sigma.push_back(p);
+    out << YAML::Key << fit.joints[j].name << YAML::Value << YAML::Flow << YAML::BeginSeq;
+    for (const Index a : with_sigma) {
+      std::vector<double> row;
+      for (const Index b : with_sigma) {
+        const double r = covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
+        row.push_back(a == b ? 1 : std::isfinite(r) ? r : 0);
+      }
+      out << row;
+    }
+    out << YAML::EndSeq;
+  }
+  out << YAML::EndMap;
+}
+
+/// Into the covariance of a joint whose estimates are read.
+void read_correlation(Mapping& all, FrictionEstimates& joint) {
+  const YAML::Node rows = all.raw(joint.joint);
+  std::vector<Index> with_sigma;
+  for (std::size_t p = 0; p < joint.estimates.size(); ++p)
+    if (!std::isnan(joint.estimates[p].sigma)) with_sigma.push_back(static_cast<Index>(p));
+  const auto fits = [&](const YAML::Node& list) {
+    return list && list.IsSequence() && list.size() == with_sigma.size();
+  };
+  const auto wrong = [&]() {
+    all.fail(joint.joint,
+             fmt::format("must be {0} lists of {0} numbers within -1 .. 1, for the parameters with a sigma",
+                         with_sigma.size()));
+  };
+  if (!fits(rows)) wrong();
+  for (std::size_t a = 0; a < with_sigma.size(); ++a) {
+    if (!fits(rows[a])) wrong();
+    for (std::size_t b = 0; b < with_sigma.size(); ++b) {
+      const double r = rows[a][b].as<double>(2);
+      if (!(std::abs(r) <= 1.000001)) wrong();
+      const Index i = with_sigma[a], k = with_sigma[b];
+      joint.covariance(i, k) =
+          r * joint.estimates[static_cast<std::size_t>(i)].sigma * joint.estimates[static_cast<std::size_t>(k)].sigma;
+    }
+  }
 }
 
 void write_gains(YAML::Emitter& out, const std::vector<Estimate>& gains) {
@@ -169,6 +223,39 @@ std::vector<Estimate> read_gains(Mapping& in, const Regressor& robot) {
 
 }  // namespace
 
+Result<std::vector<FrictionEstimates>> read_friction(const std::filesystem::path& file) try {
+  const YAML::Node root = load_yaml(file);
+  refuse_other_kind(root, file.string(), "tribotwin dynamics");
+  Mapping in(file.string(), "", root);
+  const std::string law = in.text("friction_law");
+  auto friction = in.mapping("friction"), correlation = in.mapping("friction_correlation"),
+       largest = in.mapping("torque_max_nm"), coupling = in.mapping("coupling");
+  if (!friction) in.fail("friction", "is missing: a mapping of joints");
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  std::vector<FrictionEstimates> all;
+  for (const auto& name : friction->names()) {
+    if (coupling && coupling->has(name)) continue;
+    auto parameters = friction->mapping(name);
+    FrictionEstimates& joint =
+        all.emplace_back(FrictionEstimates{.joint = name, .law = law, .estimates = {}, .covariance = {}});
+    if (largest) joint.torque_max_nm = largest->number(name, {1e-9, 1e9});
+    for (const auto& p : parameters->names()) {
+      Estimate& e = joint.estimates.emplace_back(Estimate{.name = p, .unit = {}, .low = nan, .high = nan});
+      e.value = read_estimate(*parameters, p, {}, &e.sigma);
+    }
+    const auto size = std::ssize(joint.estimates);
+    joint.covariance = Eigen::MatrixXd::Constant(size, size, nan);
+    for (Index p = 0; p < size; ++p)
+      if (const double sigma = joint.estimates[static_cast<std::size_t>(p)].sigma; !std::isnan(sigma))
+        joint.covariance(p, p) = sigma * sigma;
+    joint.correlated = correlation && correlation->has(name);
+    if (joint.correlated) read_correlation(*correlation, joint);
+  }
+  return all;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
+}
+
 Result<std::vector<CoupledMotor>> read_coupling(const std::filesystem::path& file, const Regressor& robot) try {
   std::vector<CoupledMotor> motors;
   Mapping in(file.string(), "", load_yaml(file));
@@ -198,6 +285,7 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   out << YAML::BeginMap << YAML::Key << "model" << YAML::Value << origin.model << YAML::Key << "data" << YAML::Value
       << YAML::Flow << origin.data;
   out << YAML::Key << "friction_law" << YAML::Value << std::string(law.name);
+  out << YAML::Key << "estimator" << YAML::Value << std::string(estimator_of(fit));
   out << YAML::Key << "signals" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "cutoff_hz"
       << YAML::Value << origin.signals.cutoff_hz << YAML::Key << "recorded_velocity" << YAML::Value
       << origin.signals.recorded_velocity << YAML::Key << "reversals" << YAML::Value << origin.signals.reversals
@@ -222,6 +310,7 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
     out << YAML::EndMap;
   }
   out << YAML::EndMap;
+  write_correlation(out, fit);
   if (std::ranges::any_of(origin.left_out, [](const std::string& why) { return !why.empty(); })) {
     out << YAML::Key << "left_out" << YAML::Value << YAML::BeginMap;
     for (std::size_t j = 0; j < origin.left_out.size(); ++j)
@@ -281,6 +370,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   in.accept({"model",
              "data",
              "friction_law",
+             "estimator",
              "signals",
              "coupling",
              "drive_gains",
@@ -289,6 +379,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
              "condition_number",
              "base_parameters",
              "friction",
+             "friction_correlation",
              "left_out",
              "lag",
              "thermal",
@@ -319,6 +410,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   }
   auto friction = in.mapping("friction");
   if (!friction) in.fail("friction", "is missing: a mapping of joints");
+  out.by_position.assign(static_cast<std::size_t>(regressor.rotors()), false);
   for (Index r = 0; r < regressor.rotors(); ++r) {
     if (!regressor.is_coupled(r) && !out.left_out[static_cast<std::size_t>(r)].empty()) {
       out.parameters.friction.emplace_back();
@@ -340,6 +432,10 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
     if (!regressor.is_coupled(r)) out.directional = beside;
     if (out.directional.offset && !regressor.is_coupled(r)) read(offset_name);
     if (out.directional.asymmetry) read(asymmetry_name, {-1, 1});
+    if (may_depend_on_position(regressor, r) && joint->has(std::string(cosine_name))) {
+      read(cosine_name), read(sine_name);
+      out.by_position[static_cast<std::size_t>(r)] = true;
+    }
     joint->done();
   }
   friction->done();

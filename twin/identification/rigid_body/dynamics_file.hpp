@@ -33,7 +33,8 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
 
 struct DynamicsFile {
   const friction::LawInfo* law = nullptr;
-  Directional directional;
+  Directional directional;        ///< of all joints; what depends on the position is per joint
+  std::vector<bool> by_position;  ///< per rotor, whether its friction has a part by position
   RobotParameters parameters;
   RobotParameters sigma;              ///< one standard deviation of each; NaN where it was held
   std::vector<double> noise;          ///< per joint [Nm; N], NaN where it was left out; empty where the file names none
@@ -53,6 +54,19 @@ struct DynamicsFile {
 /// A file of to_yaml. ErrorKind::input with file, key and what would be right, also where it describes another robot.
 Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regressor& regressor,
                                    const BaseParameters& base);
+
+/// The friction of one joint in a file of to_yaml.
+struct FrictionEstimates {
+  std::string joint, law;
+  double torque_max_nm = 0;         ///< 0: the file does not say, being one of a model with drives
+  std::vector<Estimate> estimates;  ///< sigma NaN where not estimated
+  Eigen::MatrixXd covariance;       ///< of these; NaN rows where not estimated
+  bool correlated = true;  ///< false: a file of an earlier version, without correlations; the covariance is diagonal
+};
+
+/// The friction of all joints that a file of to_yaml has, without the model and without coupled motors.
+/// ErrorKind::input with file, key and what would be right.
+Result<std::vector<FrictionEstimates>> read_friction(const std::filesystem::path& file);
 
 /// The coupled motors of a file of to_yaml, which the regressor needs before the rest can be read; `robot`: the
 /// model's, with motors or without. ErrorKind::input with file, key and what would be right.

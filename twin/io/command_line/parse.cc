@@ -26,6 +26,7 @@ CLI::CompletionValues completion_values(const CLI::CompletionValues& beside) {
   CLI::CompletionValues values{{"SCENARIO", stems(shipped_scenarios(Purpose::scenario))},
                                {"CAMPAIGN", stems(shipped_scenarios(Purpose::campaign))},
                                {"FIT", stems(shipped_scenarios(Purpose::fit))},
+                               {"PLAN", stems(shipped_scenarios(Purpose::plan))},
                                {"MODEL", models},
                                {"--law", laws},
                                {"--friction", laws}};

@@ -191,6 +191,21 @@ TEST(DynamicsFile, KeepsConsistentParametersAndRanges) {
     EXPECT_EQ(read->consistent->parameters.base, f.consistent.parameters.base);
     EXPECT_EQ(read->consistent->parameters.friction, f.consistent.parameters.friction);
     EXPECT_EQ(read->parameters.base, f.fit.parameters.base);
+    const auto friction = read_friction(file);
+    ASSERT_TRUE(friction) << friction.error().message;
+    ASSERT_EQ(friction->size(), 2u);
+    for (std::size_t j = 0; j < 2; ++j) {
+      const FrictionEstimates& joint = (*friction)[j];
+      EXPECT_EQ(joint.law, "coulomb_viscous");
+      EXPECT_TRUE(joint.correlated);
+      ASSERT_EQ(joint.estimates.size(), f.fit.friction[j].size());
+      for (std::size_t p = 0; p < joint.estimates.size(); ++p)
+        EXPECT_EQ(joint.estimates[p].value, f.fit.friction[j][p].value);
+      const MatrixXd& was = f.fit.friction_covariance[j];
+      ASSERT_TRUE(was.allFinite());
+      EXPECT_LT((joint.covariance - was).norm(), 1e-9 * was.norm());
+      EXPECT_GT(std::abs(was(0, 1)), 0.01 * std::sqrt(was(0, 0) * was(1, 1))) << "else nothing is kept";
+    }
     ASSERT_EQ(read->ranges.size(), 2u);
     for (std::size_t k = 0; k < ranged_infos.size(); ++k) {
       const Span &kept = read->ranges[1][k], was = ranges_of(f.motion, load, false)[1][k];

@@ -1,0 +1,174 @@
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/experiments/sweep/sweep.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
+
+namespace tribotwin::twin::sweep {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char folder[] = "runs", statistics_file[] = "statistics.json";
+constexpr std::size_t first_batch = 32;
+
+std::string file_of(std::size_t run) { return fmt::format("{:07}.json", run); }
+
+/// The checks of the health check that warn: "saturation, tracking".
+std::string warnings_of(const Summary& summary) {
+  std::vector<std::string> checks;
+  for (const HealthLine& line : health_lines(summary.health))
+    if (line.verdict == Verdict::warning && std::ranges::find(checks, line.check) == checks.end())
+      checks.push_back(line.check);
+  return joined(checks);
+}
+
+RunResult failed(std::string message) {
+  return {.status = "failed", .message = std::move(message), .outputs = {}, .bands = {}};
+}
+
+/// Whether the text is a run of this plan.
+bool is_run(const Plan& plan, std::size_t run, const std::string& text) {
+  const auto result = from_line(run, text);
+  if (!result) return false;
+  if (result->failed()) return true;
+  return result->outputs.size() == plan.outputs.size() && result->bands.size() == plan.bands.size() &&
+         std::ranges::all_of(result->bands, [&](const auto& band) { return band.size() == plan.band_times_s.size(); });
+}
+
+ResumableJobs jobs_of(const Plan& plan, std::size_t count, const std::atomic<bool>* stop) {
+  ResumableJobs jobs{.folder = folder, .files = {}, .whole = {}, .make = {}};
+  for (std::size_t r = 0; r < count; ++r) jobs.files.push_back(file_of(r));
+  jobs.whole = [&plan](std::size_t run, const std::string& text) { return is_run(plan, run, text); };
+  jobs.make = [&plan, stop](std::size_t run) -> Result<std::string> {
+    const auto made = make_run(plan, run, stop);
+    if (!made) return tl::unexpected(made.error());
+    return to_line(run, *made);
+  };
+  return jobs;
+}
+
+/// Why the sweep may end after these runs; empty: it may not.
+std::string reason_to_stop(const Plan& plan, const std::vector<RunResult>& runs) {
+  const std::size_t failing = failures(runs).failed;
+  if (plan.failures && failing > *plan.failures)
+    return fmt::format("{} of {} runs failed, more than {}", failing, runs.size(), *plan.failures);
+  if (plan.narrower_than.empty()) return {};
+  std::vector<std::string> reached;
+  for (const auto& [output, width] : plan.narrower_than) {
+    const auto interval = moments(sample_of(plan, runs, output)).mean.interval;
+    if (!interval || !(interval->high - interval->low < width)) return {};
+    reached.push_back(fmt::format("the 95 % interval of the mean of {} is {:.4g} wide, narrower than {:g}",
+                                  plan.outputs[output].name, interval->high - interval->low, width));
+  }
+  return joined(reached, "; ");
+}
+
+/// Numbers of runs after which the stop rules are looked at; the last is all.
+std::vector<std::size_t> batches(const Plan& plan) {
+  if (!plan.failures && plan.narrower_than.empty()) return {plan.runs};
+  const std::size_t block = plan.saltelli ? plan.saltelli->block() : 1;
+  std::vector<std::size_t> ends;
+  for (std::size_t end = 0; end < plan.runs;) {
+    end += std::max(first_batch, end / 4);
+    end = std::min(plan.runs, (end + block - 1) / block * block);
+    ends.push_back(end);
+  }
+  return ends;
+}
+
+Result<void> write_results(const Plan& plan, const LabOptions& options, SweepResult& out) {
+  const auto write = [&](const char* name, const std::string& bytes) -> Result<void> {
+    const fs::path file = options.directory / name;
+    if (auto ok = write_derived(file, bytes, options.existing); !ok) return ok;
+    out.files.push_back(file);
+    return {};
+  };
+  if (auto ok = write("results.csv", results_csv(plan, out.runs)); !ok) return ok;
+  if (const auto bands = bands_csv(plan, out.runs); !bands.empty())
+    if (auto ok = write("bands.csv", bands); !ok) return ok;
+  const auto table = results_hdf5(plan, out.runs);
+  if (!table) return tl::unexpected(table.error());
+  if (auto ok = write("results.h5", *table); !ok) return ok;
+  out.statistics = statistics_json(plan, out.runs, out.stopped);
+  return write(statistics_file, out.statistics);  // last: it says that the sweep is complete
+}
+
+}  // namespace
+
+Result<RunResult> make_run(const Plan& plan, std::size_t run, const std::atomic<bool>* stop) {
+  if (stop && *stop) return work_failed("interrupted");
+  const auto scenario = load_scenario(plan.scenario, plan.settings(run));
+  if (!scenario) return failed(scenario.error().message);
+  Collector collector(*scenario, plan.outputs, plan.bands, plan.band_times_s);
+  RunOptions options{.directory = {}, .stop = stop, .progress = {}, .sample = {}, .cycle = {}};
+  collector.listen(options);
+  const auto summary = twin::run(*scenario, options);
+  if (!summary) return failed(summary.error().message);
+  if (summary->interrupted) return work_failed("interrupted");
+  const std::string warnings = warnings_of(*summary);
+  return RunResult{.status = warnings.empty() ? "ok" : "warned",
+                   .message = warnings,
+                   .outputs = collector.outputs(*summary),
+                   .bands = collector.bands()};
+}
+
+Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const std::atomic<bool>* stop) {
+  const std::string identity = resolved_yaml(*plan.model, plan.resolved);
+  SweepResult out;
+  std::optional<std::size_t> present;
+  std::shared_ptr<void> lock;
+  for (const std::size_t end : batches(plan)) {
+    lock.reset();
+    LabOptions batch = options;
+    const double share_of_all = static_cast<double>(end) / static_cast<double>(plan.runs);
+    if (options.progress)
+      batch.progress = [&](double share, double left) { options.progress(share * share_of_all, left / share_of_all); };
+    auto completed = complete(identity, jobs_of(plan, end, stop), batch);
+    if (!completed) return tl::unexpected(completed.error());
+    if (!present || completed->present > out.runs.size()) present = completed->present;
+    lock = completed->lock;
+    for (std::size_t r = out.runs.size(); r < end; ++r) out.runs.push_back(*from_line(r, completed->texts[r]));
+    out.stopped = end < plan.runs ? reason_to_stop(plan, out.runs) : "";
+    if (!out.stopped.empty()) break;
+  }
+  out.present = present.value_or(0);
+  if (auto ok = write_results(plan, options, out); !ok) return tl::unexpected(ok.error());
+  return out;
+}
+
+Result<SweepStatus> read_status(const fs::path& directory) try {
+  std::error_code error;
+  const auto none = [&](const std::string& why) {
+    return tl::unexpected(Error(fmt::format("{}: {}; give the folder of a sweep", directory.string(), why)));
+  };
+  if (!fs::is_regular_file(directory / "campaign.yaml", error)) return none("holds no sweep (no campaign.yaml)");
+  const YAML::Node plan = load_yaml(directory / "campaign.yaml");
+  if (!plan["resolved_scenario"] || !plan["runs"]) return none("holds another kind of campaign");
+  SweepStatus status{.planned = plan["runs"].as<std::size_t>(), .seconds_left = {}};
+  std::vector<fs::file_time_type> times;
+  for (std::size_t r = 0; r < status.planned; ++r) {
+    const fs::path file = directory / folder / file_of(r);
+    const auto text = fs::exists(file, error) ? read_text(file, "a file") : Result<std::string>(work_failed(""));
+    const auto result = text ? from_line(r, *text) : std::nullopt;
+    if (!result) continue;
+    ++status.present;
+    status.failed += result->failed(), status.warned += result->status == "warned";
+    if (const auto time = fs::last_write_time(file, error); !error) times.push_back(time);
+  }
+  status.finished = fs::exists(directory / statistics_file, error);
+  std::ranges::sort(times);
+  if (!status.finished && times.size() >= 2)
+    status.seconds_left = std::chrono::duration<double>(times.back() - times.front()).count() /
+                          static_cast<double>(times.size() - 1) * static_cast<double>(status.planned - status.present);
+  return status;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
+}
+
+}  // namespace tribotwin::twin::sweep
