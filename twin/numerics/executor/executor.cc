@@ -88,7 +88,8 @@ class Leader {
     manager_.enroll(0, threads_);
     crew_.add(jobs(0));
     for (Pause pause; !manager_.complete();) {
-      const auto wait = ranks_.several() ? std::chrono::microseconds(pause.next_us()) : std::chrono::seconds(1);
+      const auto wait =
+          ranks_.several() ? std::chrono::microseconds(pause.next_us(longest_us())) : std::chrono::seconds(1);
       auto own = crew_.take(wait);
       if (receive() || !own.empty()) pause.something();
       for (auto& done : own) over(0, std::move(done));
@@ -143,6 +144,9 @@ class Leader {
     for (const auto& job : granted) out.put<std::uint64_t>(job.task).put(std::string_view(job.input));
     ranks_.post(rank, Kind::tasks, out.take());
   }
+
+  /// Other ranks wait for an answer at most 0.5 % of the time of a task, or 1 ms.
+  long longest_us() const { return static_cast<long>(std::clamp(manager_.mean_s() * 5e3, 1000.0, 10000.0)); }
 
   /// Whether messages were there.
   bool receive() {
@@ -221,8 +225,9 @@ class Follower {
 
   Result<Outcome> run() {
     for (Pause pause;;) {
-      auto done = crew_.take(std::chrono::microseconds(pause.next_us()));
+      auto done = crew_.take(std::chrono::microseconds(in_hand_ ? pause.next_us(busy_us) : pause.next_us()));
       if (!done.empty()) pause.something();
+      in_hand_ -= done.size();
       for (const auto& one : done) add(one);
       while (const auto parcel = ranks_.poll()) {
         pause.something();
@@ -235,12 +240,16 @@ class Follower {
   }
 
  private:
-  static std::vector<Crew::Job> jobs(BytesIn& in) {
+  /// A rank that works hears of a finished task at once; nothing else is urgent.
+  static constexpr long busy_us = 20000;
+
+  std::vector<Crew::Job> jobs(BytesIn& in) {
     std::vector<Crew::Job> all;
     while (!in.empty()) {
       const std::size_t task = in.get<std::uint64_t>();
       all.push_back({task, in.text()});
     }
+    in_hand_ += all.size();
     return all;
   }
 
@@ -264,6 +273,7 @@ class Follower {
   const std::uint64_t operation_;
   const double hold_;
   const unsigned threads_;
+  std::size_t in_hand_ = 0;  ///< tasks that are not done
   BytesOut results_;
   bool waiting_ = false;
   Clock::time_point oldest_;

@@ -29,9 +29,9 @@ void sleep(Pause& pause) { std::this_thread::sleep_for(std::chrono::microseconds
 
 }  // namespace
 
-long Pause::next_us() {
-  const long now = next_us_;
-  next_us_ = std::min(2 * next_us_, 2000L);
+long Pause::next_us(long longest_us) {
+  const long now = std::min(next_us_, longest_us);
+  next_us_ = 2 * now;
   return now;
 }
 

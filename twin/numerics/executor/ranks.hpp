@@ -16,13 +16,13 @@
 /// writes and locks.
 namespace tribotwin::twin {
 
-/// Sleeps of a loop that asks for messages: short while there are some, 2 ms where there are none, because an MPI call
-/// that waits would keep a core busy.
+/// Sleeps of a loop that asks for messages: short while there are some, 2 ms and more where there are none, because an
+/// MPI call that waits would keep a core busy.
 class Pause {
  public:
   void something() { next_us_ = 20; }
-  /// The time to wait now [us]; twice as long the next time.
-  long next_us();
+  /// The time to wait now [us]; twice as long the next time, up to the longest.
+  long next_us(long longest_us = 2000);
 
  private:
   long next_us_ = 20;
