@@ -13,6 +13,8 @@
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/mpi.hpp>
+#include <tribotwin/twin/numerics/executor/ranks.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -160,8 +162,11 @@ Json json_of(const sweep::SweepResult& result) {
 }
 
 Result<Exit> execute(const Arguments& a) {
+  if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
   if (a.directory.empty() && !a.dry_run)
     throw InputError("-o: is missing: the folder for the results (or use --dry-run)");
+  const bool divided = !a.status && !a.dry_run && !a.run;
+  if (!divided && !ranks().root()) return done;
   if (a.status) return show_status(a);
   if (a.plan.empty()) throw InputError("sweep needs a plan, for example irb6620_sweep");
   catch_interrupts();

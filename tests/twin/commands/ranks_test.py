@@ -63,6 +63,12 @@ write(
     "model: pendulum.xml\nduration_s: 5\ntelemetry_rate_hz: 100\nvary: [{temperature_degC: [20, 30, 40, 50, 60]}]\n"
     + motion,
 )
+write("one.yaml", "model: pendulum.xml\nduration_s: 2\ntelemetry_rate_hz: 100\n" + motion)
+write(
+    "sweep.yaml",
+    "scenario: one.yaml\nfactors: {temperature_degC: {uniform: [20, 60]}}\noutputs: [heat_J]\n"
+    "design: {type: sobol, runs: 8, seed: 1}\n",
+)
 t = np.arange(0, 2, 0.01)
 for kp in (200, 300, 400):
     entries = [
@@ -90,6 +96,7 @@ for name, arguments in {
     "lab": ("lab", "lab.yaml"),
     "run": ("run", "vary.yaml"),
     "calibrate": ("calibrate", "fit.yaml"),
+    "sweep": ("sweep", "sweep.yaml"),
 }.items():
     alone = harness.run(program, *arguments, "-o", name + "1", "--threads", "1")
     truth = files(name + "1")
