@@ -13,6 +13,7 @@
 #include <tribotwin/twin/commands/robot.hpp>
 #include <tribotwin/twin/identification/drive_gains/report.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
+#include <tribotwin/twin/identification/dynamics_choice/repetitions.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/identification/rigid_body/model_agreement.hpp>
@@ -37,12 +38,13 @@ struct Arguments {
   std::string model, friction = "auto", thermal, robust = "auto";
   Destination output;
   TableArguments tables;
-  std::vector<std::string> data, coupling, payloads, lag;  // no lag: none, or what --friction auto finds
+  std::vector<std::string> data, coupling, payloads, position_torque;
+  std::vector<std::string> lag;  // empty: none, or what --friction auto finds
   Preparation preparation;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   std::optional<double> prior_percent;
   bool no_rotor_inertia = false, json = false, quiet = false, essential = false, unweighted = false, no_offset = false,
-       asymmetry = false, drive_gains = false;
+       asymmetry = false, drive_gains = false, iv = false;
 };
 
 std::vector<thermal::Model> thermal_models(const std::string& file, const Regressor& regressor) {
@@ -142,6 +144,7 @@ Json json_of(const Robot& robot, const DynamicsFit& fit, const Consistency& cons
   j["chance"] = number(consistency.chance);
   j["negative"] = json_of(judgement.negative);
   j["bodies_judged"] = badly_explained(judgement.joints).empty();
+  j["estimator"] = estimator_of(fit);
   j["notes"] = fit.notes;
   return j;
 }
@@ -192,14 +195,15 @@ std::string table_of(std::span<const Estimate> lag) {
 }
 
 /// What predict takes.
-std::string prediction_of(const ConsistentDynamics& dynamics, bool contradicted) {
+std::string prediction_of(const ConsistentDynamics& dynamics, bool contradicted, bool instrumental) {
   if (dynamics.same) return {};
   double largest = 1;
   for (const double growth : dynamics.growth)
     if (growth > largest) largest = growth;
   return fmt::format(
       "residuals of the real bodies with the smallest sum of squares are up to {:.4g} times as large; {}\n", largest,
-      contradicted ? "predict takes those of least squares, as the data contradict every real one beyond doubt"
+      contradicted ? fmt::format("predict takes those of {}, as the data contradict every real one beyond doubt",
+                                 instrumental ? "instrumental variables" : "least squares")
                    : "predict takes these bodies");
 }
 
@@ -213,11 +217,12 @@ std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consisten
   std::string s = base.text() + "\n" + friction.text() + "\n" + quality_of(robot, fit.joints);
   s += fmt::format("\nrelative error {:.3f} %, condition number {:.0f}\n", 100 * fit.relative_error,
                    fit.condition_number);
+  if (fit.instrumental) s += "estimates are those of instrumental variables\n";
   if (fit.between_files > 1)
     s += fmt::format("estimates vary {:.2g} times as much between files as within them; sigmas contain it\n",
                      fit.between_files);
   s += bodies_of(consistency, badly_explained(judgement.joints));
-  s += prediction_of(consistent, contradicted(consistency.distance_sigma, robot.base.size()));
+  s += prediction_of(consistent, contradicted(consistency.distance_sigma, robot.base.size()), fit.instrumental);
   const BaseCount count = count_base(fit);
   if (count.wide + count.held > 0)
     s += fmt::format("{} of {} base parameters have a 95 % interval wider than their value; {} held\n", count.wide,
@@ -230,6 +235,7 @@ std::string words_of(const Setting& s) {
   std::string text = fmt::format("friction {}", s.law->name);
   if (s.directional.offset) text += ", offset";
   if (s.directional.asymmetry) text += ", asymmetry";
+  if (!s.by_position.empty()) text += fmt::format(", torque by position of {}", joined(s.by_position));
   if (s.signals.cutoff_hz > 0) text += fmt::format(", cut-off {:.3g} Hz", s.signals.cutoff_hz);
   if (s.signals.recorded_velocity) text += ", recorded velocity";
   if (s.signals.reversals) text += ", reversals";
@@ -266,6 +272,7 @@ Json json_of(const DynamicsChoice& choice) {
   Json j{{"friction", s.law->name},
          {"offset", s.directional.offset},
          {"asymmetry", s.directional.asymmetry},
+         {"by_position", s.by_position},
          {"cutoff_hz", s.signals.cutoff_hz},
          {"recorded_velocity", s.signals.recorded_velocity},
          {"reversals", s.signals.reversals},
@@ -301,10 +308,11 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit, const
     const char* unit = robot.regressor.is_slide(static_cast<Eigen::Index>(j)) ? "n" : "nm";
     const bool is_weak = std::ranges::find(weak, static_cast<Index>(j)) != weak.end();
     if (joint.relative_error > unexplained_error && !is_weak)
-      throw InputError(
-          fmt::format("{}: motion explains only {:.0f} % of torque_{}_{}; is it the torque of another joint, another "
-                      "column, another robot, late, or that of a motor that turns with two joints (--coupling)?",
-                      where, 100 * (1 - joint.relative_error), joint.name, unit));
+      throw InputError(fmt::format(
+          "{}: motion explains only {:.0f} % of torque_{}_{}; is it the torque of another joint, another "
+          "column, another robot, late, or that of a motor that turns with two joints (--coupling)?{}",
+          where, 100 * std::max(0.0, 1 - joint.relative_error), joint.name, unit,
+          fit.instrumental ? " Or are accelerations too noisy, which --iv does not smooth? Lower --cutoff" : ""));
     const Estimate& level = fit.friction[j].front();  // Coulomb friction, or what is left of it at speed 0
     // Beside a coupled motor's friction a joint's own is what is left of it: any sign.
     const bool coupled = std::ranges::any_of(robot.regressor.motors(), [&](const CoupledMotor& motor) {
@@ -323,18 +331,32 @@ Robust robust_of(const std::string& name) {
   return Robust::none;
 }
 
-Setting setting_of(const Arguments& a, const friction::LawInfo& law) {
+/// --position-torque: joints; none. Nothing where the option is not given.
+std::vector<std::string> by_position(const Arguments& a, const Regressor& regressor) {
+  if (a.position_torque == std::vector<std::string>{"none"}) return {};
+  for (const std::string& name : a.position_torque) {
+    Index r = 0;
+    while (r < regressor.rotors() && (regressor.rotor_name(r) != name || !may_depend_on_position(regressor, r))) ++r;
+    if (r == regressor.rotors())
+      throw InputError(fmt::format("--position-torque: '{}' is no hinge of the model; name hinges, or none", name));
+  }
+  return a.position_torque;
+}
+
+Setting setting_of(const Arguments& a, const Regressor& regressor, const friction::LawInfo& law) {
   return {.signals = a.preparation,
           .law = &law,
           .directional = {.offset = !a.no_offset, .asymmetry = a.asymmetry},
+          .by_position = by_position(a, regressor),
           .robust = robust_of(a.robust),
           .rotor_inertia = !a.no_rotor_inertia,
           .prior = a.prior_percent.value_or(0) / 100};
 }
 
 /// What the options leave to the choice.
-Decided decided(const Arguments& a) {
+Decided decided(const Arguments& a, const Regressor& regressor) {
   Decided d;
+  if (!a.position_torque.empty()) d.by_position = by_position(a, regressor);
   if (a.preparation.cutoff_hz > 0) d.cutoff_hz = a.preparation.cutoff_hz;
   if (a.preparation.decimation > 0) d.decimation = a.preparation.decimation;
   if (a.no_offset) d.offset = false;
@@ -344,6 +366,7 @@ Decided decided(const Arguments& a) {
   if (a.no_rotor_inertia) d.rotor_inertia = false;
   d.lag = !a.lag.empty();
   if (a.prior_percent) d.prior = *a.prior_percent / 100;
+  if (a.iv) d.instruments = true;
   return d;
 }
 
@@ -368,21 +391,23 @@ DynamicsChoice choice_of(const Arguments& a, const friction::LawInfo* given, con
                          const std::vector<RobotRecording>& recordings, std::span<const double> torque_max_nm,
                          Progress& progress) {
   if (!given)
-    return or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings, decided(a),
-                                          torque_max_nm, a.threads, [&](double share) { progress(0.9 * share); }));
-  return {.setting = setting_of(a, *given), .trials = {}};
+    return or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings,
+                                          decided(a, robot.regressor), torque_max_nm, a.threads,
+                                          [&](double share) { progress(0.9 * share); }));
+  return {.setting = setting_of(a, robot.regressor, *given), .trials = {}};
 }
 
 bool finds_lag(const Arguments& a) { return a.lag == std::vector<std::string>{"auto"}; }
 
 Result<DynamicsFit> fit_of(const Arguments& a, const Robot& robot, const DynamicsChoice& choice,
-                           const RobotFriction& friction, std::span<const thermal::Model> models, JointMotion& motion,
-                           Progress& progress) {
+                           const RobotFriction& friction, std::span<const thermal::Model> models,
+                           const std::optional<Instruments>& instruments, JointMotion& motion, Progress& progress) {
   const Setting& setting = choice.setting;
   DynamicsOptions options = options_of(setting, a.threads);
   if (!choice.fit.base.empty()) options.start = &choice.fit;  // it stays near what was chosen
   options.weigh = !a.unweighted;
   options.essential_only = a.essential;
+  options.instruments = instruments ? &*instruments : nullptr;
   options.lag = finds_lag(a) || (a.lag.empty() && !setting.signals.lag_s.empty());
   options.progress = [&](double share) { progress(share); };
   if (models.empty() || motion.has_temperature)
@@ -417,23 +442,36 @@ Result<DynamicsFit> without_lag(const Robot& robot, const std::vector<RobotRecor
   return std::move(found->fit);
 }
 
+/// Whether two joints' speeds are proportional: then the motion of either explains both torques, whosever they are.
+bool move_alike(const JointMotion& motion, Index a, Index b) {
+  constexpr double alike = 0.95;
+  const auto va = motion.qd.row(a), vb = motion.qd.row(b);
+  return std::abs(va.dot(vb)) > alike * va.norm() * vb.norm();
+}
+
 /// Whether torques that the motion does not explain are explained with the other sign, or as those of another joint
-/// that is not explained well either.
+/// that is not explained well either: what was changed has to be explained, and all torques clearly better than as they
+/// were recorded. Joints that move alike say nothing.
 bool explained_otherwise(const std::vector<Index>& joints, const DynamicsFit& fit, const JointMotion& motion,
                          const Fit& fit_of) {
-  constexpr double clearly = 0.5, well = 0.3;
+  constexpr double explained = 0.5, well = 0.3, clearly = 0.6;
   const auto explains = [&](JointMotion changed, std::initializer_list<Index> which) {
     const auto other = fit_of(changed);
-    return other && std::ranges::all_of(which, [&](Index j) {
-             return other->joints[static_cast<std::size_t>(j)].relative_error < clearly;
-           });
+    if (!other) return false;
+    double log_ratio = 0;  // over all joints: what is wrong with one column spoils the others' errors too
+    for (std::size_t j = 0; j < fit.joints.size(); ++j)
+      if (fit.joints[j].samples > 0)
+        log_ratio += std::log(other->joints[j].relative_error / fit.joints[j].relative_error);
+    return log_ratio < static_cast<double>(which.size()) * std::log(clearly) &&
+           std::ranges::all_of(
+               which, [&](Index j) { return other->joints[static_cast<std::size_t>(j)].relative_error < explained; });
   };
   for (const Index j : joints) {
     JointMotion changed = motion;
     changed.torque.row(j) *= -1;
     if (explains(std::move(changed), {j})) return true;
     for (const Index k : unexplained(fit, well)) {
-      if (j == k) continue;
+      if (j == k || move_alike(motion, j, k)) continue;
       changed = motion;
       changed.torque.row(j).swap(changed.torque.row(k));
       if (explains(std::move(changed), {j, k})) return true;
@@ -679,8 +717,42 @@ std::string text_of(const Report& r) {
          table_of(r.efficiencies);
 }
 
+/// Options that --iv does not go with. `law`: null where it is to be chosen.
+void refuse_beside_iv(const Arguments& a, const friction::LawInfo* law) {
+  if (!a.iv) return;
+  const std::pair<bool, std::string_view> others[] = {{a.asymmetry, "--asymmetry"},
+                                                      {!a.position_torque.empty(), "--position-torque"},
+                                                      {robust_of(a.robust) != Robust::none, "--robust"},
+                                                      {a.prior_percent.value_or(0) > 0, "--prior"},
+                                                      {a.essential, "--essential"},
+                                                      {finds_lag(a), "--lag auto"},
+                                                      {!a.thermal.empty(), "--thermal"},
+                                                      {a.drive_gains, "--drive-gains"}};
+  for (const auto& [given, option] : others)
+    if (given) throw InputError(fmt::format("--iv: does not go with {}, which needs least squares", option));
+  if (law && !knows_instruments(*law))
+    throw InputError(fmt::format(
+        "--iv: friction '{}' is not linear or depends on load; coulomb_viscous and coulomb_viscous_stribeck "
+        "are what instrumental variables know, and what --friction auto then chooses among",
+        law->name));
+}
+
+/// Of --iv; rows that do not repeat no longer count.
+std::optional<Instruments> instruments_of(const Arguments& a, const Robot& robot,
+                                          const std::vector<RobotRecording>& recordings, JointMotion& motion) {
+  if (!a.iv) return {};
+  auto found = instruments_of_repetitions(recordings, robot.regressor, motion);
+  if (!found) throw InputError("--iv: " + found.error().message);
+  if (a.friction == "auto")
+    found->notes.push_back(
+        "--friction auto chose by least squares, among laws that are linear in their parameters and know no load, "
+        "without asymmetry, robust loss, prior and lag");
+  return std::move(*found);
+}
+
 Result<Exit> execute(const Arguments& a) {
   const friction::LawInfo* const given = given_law(a);
+  refuse_beside_iv(a, given);
   Robot robot = coupled_robot(a.model, a.coupling, a.quiet);
   const Recorded data = recorded(a, robot);
   const auto& recordings = data.recordings;
@@ -698,7 +770,10 @@ Result<Exit> execute(const Arguments& a) {
   const auto friction = friction_of(*robot.model, robot.regressor, choice.setting, torque_max_nm, motion);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   const auto models = a.thermal.empty() ? std::vector<thermal::Model>{} : thermal_models(a.thermal, robot.regressor);
-  const Fit again = [&](JointMotion& m) { return fit_of(a, robot, choice, *friction, models, m, progress); };
+  const std::optional<Instruments> instruments = instruments_of(a, robot, recordings, motion);
+  const Fit again = [&](JointMotion& m) {
+    return fit_of(a, robot, choice, *friction, models, instruments, m, progress);
+  };
   const bool lag_open = finds_lag(a) || !choice.setting.signals.lag_s.empty();
   auto fit = lag_open ? without_lag(robot, recordings, signals, again, motion, lag) : again(motion);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
@@ -749,6 +824,11 @@ void add_model_options(CLI::App& command, const std::shared_ptr<Arguments>& a) {
           "data, as --friction auto does where it predicts better), or seconds, one for all joints or one each as A,B")
       ->delimiter(',');
   command.add_flag("--asymmetry", a->asymmetry, "Friction forward and reverse may differ by a factor");
+  command
+      .add_option("--position-torque", a->position_torque,
+                  "Hinges A,B beside whose friction a torque C cos q + S sin q acts, as of springs, cables and sensors "
+                  "that turn with them (default: none, or what --friction auto finds); none: no joint")
+      ->delimiter(',');
   command.add_option("--robust", a->robust, "Loss for data with outliers")
       ->check(CLI::IsMember({"auto", "none", "huber", "tukey"}))
       ->capture_default_str();
@@ -783,6 +863,9 @@ void add_dynamics(CLI::App& app, int& code) {
                 "How far the bodies may be off the model's: standard deviation [%] of their masses, first moments and "
                 "inertias; 0: whatever the data say")
       ->check(CLI::Range(0.0, 1e6));
+  c->add_flag("--iv", a->iv,
+              "Instrumental variables in place of least squares, for a repeated motion and a coarse encoder: errors of "
+              "positions do not draw inertias towards 0");
   c->add_flag("--no-rotor-inertia", a->no_rotor_inertia, "Torques were measured behind the gear");
   c->add_flag("--unweighted", a->unweighted, "Give all joints the same weight");
   c->add_flag("--essential", a->essential, "Set base parameters that do not improve the fit to 0");

@@ -320,8 +320,10 @@ std::vector<RobotRecording> recordings_of(const Arguments& a, const Robot& robot
 Result<Exit> execute(const Arguments& a) {
   const Robot robot = loaded(a);
   const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
-  const auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional, file.torque_max_nm);
+  auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional, file.torque_max_nm);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
+  for (std::size_t r = 0; r < friction->size(); ++r)
+    if (file.by_position[r]) (*friction)[r].depend_on_position();
   JointMotion motion = prepared(robot, recordings_of(a, robot, file), preparation_of(a, robot, file), a.quiet);
   const RobotParameters& parameters = takes_consistent(a, file) ? file.consistent->parameters : file.parameters;
   const bool with_temperature = take_temperatures(a, robot, file, *friction, parameters, motion);

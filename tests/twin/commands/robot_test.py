@@ -360,6 +360,30 @@ refused(
     model,
     broken("h.csv", swap("torque_joint1_nm", "torque_joint6_nm")),
 )
+# ---- A joint of which the motion explains nothing, beside one of much noise. Swapped columns would explain both, but
+# where the joints move alike the motion of either explains anything; else it is a reason to refuse.
+links = "".join(
+    f'<body pos="0 0 .3"><inertial pos=".1 0 .05" mass="1" diaginertia=".01 .01 .01"/><joint name="{n}" axis="{x}"/>'
+    for n, x in (("turn", "0 0 1"), ("lift", "0 1 0"), ("roll", "1 0 0"))
+)
+with open(f"{work}/chain.xml", "w") as f:
+    f.write(f'<mujoco><compiler angle="radian"/><worldbody>{links}{"</body>" * 3}</worldbody></mujoco>')
+random, t = np.random.default_rng(5), np.arange(0, 20, 0.01)
+sine = lambda *terms: sum(a * np.sin(w * t + phase) for a, w, phase in terms)
+turn, lift, other = sine((1, 0.9, 0), (0.05, 8, 1)), sine((0.3, 1.3, 2), (0.1, 3, 0)), sine((1, 1.7, 1), (0.1, 7, 2))
+sign = lambda q: np.sign(np.gradient(q))
+noise = lambda size: size * random.normal(size=len(t))
+for name, roll, code in (("alike", 0.7 * turn, 0), ("differently", 0.7 * other, 2)):
+    columns = {"turn": turn, "lift": lift, "roll": roll}
+    torque = [
+        3 * np.sin(columns["roll"]) + noise(0.3),
+        10 * np.cos(lift) + sign(lift) + noise(1),
+        2 * sign(turn) + noise(1.2),
+    ]
+    header = ["time_s", *(f"position_{n}_rad" for n in columns), *(f"torque_{n}_nm" for n in columns)]
+    write("chain.csv", header, [t, *columns.values(), *torque])
+    r = run("dynamics", "--friction", "coulomb_viscous", "chain.xml", "chain.csv", "--json", code=code)
+    check(f"joints that move {name}: {'left out' if code == 0 else 'refused'}", "torque_turn_nm" in r.stderr, r.stderr)
 shutil.copy(f"{work}/cold.csv", f"{work}/again.csv")
 refused(
     "a file twice",
@@ -392,6 +416,11 @@ for name, column, change, says in (
     check(f"{name} is told", all(text in r.stderr for text in says), r.stderr)
 r = run("dynamics", "--friction", "coulomb_viscous", model, "cold.csv")
 check("... and nothing of the robot's own", "gravity" not in r.stderr and "actuator" not in r.stderr, r.stderr)
+refused(
+    "no such hinge",
+    ["--position-torque", "joint9", "hinge"],
+    *("dynamics", "--friction", "coulomb_viscous", "--position-torque", "joint9", model, "cold.csv"),
+)
 refused("no such law", ["coulomb_viscous", "did you mean"], "dynamics", model, "cold.csv", "--friction", "polynomal")
 refused(
     "a file of another robot",

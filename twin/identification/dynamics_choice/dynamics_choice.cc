@@ -9,6 +9,7 @@
 
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
+#include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/coupling/coupling.hpp>
 
 namespace tribotwin::twin::identification {
@@ -28,6 +29,10 @@ constexpr double as_good = 0.02;
 constexpr double hopeless = 0.1, hopeless_sigmas = 4;
 /// A coupled motor is a claim about the robot's mechanics, and several are tried: only where much speaks for it.
 constexpr double coupled_gain = 0.02, coupled_sigmas = 4;
+/// A lag is a claim about the recordings, by its own sigmas first and then by the held-out error; only one is tried.
+constexpr double lag_sigmas = 3, lag_enough = 2;
+/// It is found by a law, and the law that is chosen with it may find it better.
+constexpr int most_lags = 2;
 constexpr unsigned most_folds = 10, folds_of_time = 12;
 constexpr Index stretch_count = 40;
 constexpr double most_samples = 4000;
@@ -53,9 +58,12 @@ class Chooser {
     if (auto ok = start(); !ok) return tl::unexpected(ok.error());
     if (!decided_.coupling && regressor_.motors().empty()) choose_coupling();
     search();
-    if (!decided_.lag && choose_lag()) search();
+    if (choose_position()) search();
+    for (int lags = 0; !decided_.lag && lags < most_lags && choose_lag(); ++lags) search();
     if (take_prior()) search();
+    if (out_.setting.by_position.empty() && choose_position()) search();
     refine_stribeck();
+    refine_position();
     simplify();
     // The fit itself takes as many samples, up to ends and rests, as its own cut-off allows.
     out_.setting.signals.widest_hz = out_.setting.signals.narrowest_hz = 0;
@@ -72,6 +80,7 @@ class Chooser {
     Setting& s = out_.setting;
     s.law = decided_.law ? decided_.law : &coulomb_viscous();
     s.directional = {.offset = decided_.offset.value_or(true), .asymmetry = decided_.asymmetry.value_or(false)};
+    s.by_position = decided_.by_position.value_or(std::vector<std::string>{});
     s.robust = decided_.robust.value_or(Robust::none);
     s.rotor_inertia = decided_.rotor_inertia.value_or(true);
     s.prior = decided_.prior.value_or(0);
@@ -312,7 +321,7 @@ class Chooser {
     const auto add_law = [&](const friction::LawInfo* law) {
       if (law && law != &now) add(out, fmt::format("friction {}", law->name), [&](Setting& s) { s.law = law; });
     };
-    add_law(with_load(now));
+    if (!decided_.instruments) add_law(with_load(now));
     if (!with_stribeck(now)) return;
     std::vector<double> before;
     for (const double share : stribeck_shares)
@@ -322,7 +331,7 @@ class Chooser {
           s.stribeck_share = shares;
         });
     // A cubic of the speed goes astray beyond the speeds of the recordings; it is worth that for its temperature.
-    if (target_.motion.has_temperature) add_law(friction::find_law("polynomial"));
+    if (target_.motion.has_temperature && !decided_.instruments) add_law(friction::find_law("polynomial"));
   }
 
   static std::string stribeck_text(const std::vector<double>& shares) {
@@ -398,6 +407,49 @@ class Chooser {
       }
   }
 
+  /// Torque that depends on the joint's own position, C cos q + S sin q: of springs, cables and sensors, which no rigid
+  /// body explains. A claim about the mechanics, as a coupling is. Tried in all hinges, then in those that gained.
+  bool choose_position() {
+    constexpr double gained = 0.9;
+    if (decided_.law || decided_.by_position) return false;
+    std::vector<std::string> hinges, better;
+    for (Index r = 0; r < regressor_.rotors(); ++r)
+      if (may_depend_on_position(regressor_, r) && row_of(regressor_.joint_of(r)) >= 0)
+        hinges.push_back(regressor_.rotor_name(r));
+    auto all = tried(by_position(hinges));
+    if (!all) return false;
+    for (Index j = 0; j < regressor_.joints(); ++j)
+      if (const Index row = row_of(j); row >= 0 && all->found.rms(row) < gained * best_.rms(row) &&
+                                       std::ranges::find(hinges, regressor_.joint_name(j)) != hinges.end())
+        better.push_back(regressor_.joint_name(j));
+    if (!better.empty() && better.size() < hinges.size())
+      if (auto some = tried(by_position(better)); some && some->comparison.change < all->comparison.change)
+        all = std::move(some);
+    if (!is_better(all->comparison, coupled_gain, coupled_sigmas)) return false;
+    take(*std::move(all));
+    return true;
+  }
+
+  Candidate by_position(const std::vector<std::string>& joints) const {
+    Setting s = out_.setting;
+    s.by_position = joints;
+    return {"torque by position of " + joined(joints), std::move(s)};
+  }
+
+  /// Without it in joints that it hardly helps.
+  void refine_position() {
+    if (decided_.by_position) return;
+    for (const std::string& joint : std::vector(out_.setting.by_position)) {
+      std::vector<std::string> fewer = out_.setting.by_position;
+      std::erase(fewer, joint);
+      Setting s = out_.setting;
+      s.by_position = std::move(fewer);
+      if (auto t = tried({fmt::format("torque of {} not by position", joint), std::move(s)});
+          t && t->comparison.change < least_gain)
+        take(*std::move(t));
+    }
+  }
+
   void choose_coupling() {
     for (const CoupledMotor& motor : conceivable_motors(regressor_)) {
       std::vector<CoupledMotor> motors = regressor_.motors();
@@ -418,13 +470,16 @@ class Chooser {
     }
   }
 
-  /// A lag of torques is a claim about the recordings: only where much speaks for it. Errors are counted against
-  /// torques without it.
+  /// Errors are counted against torques without the lag.
   bool choose_lag() {
-    const auto found = torque_lag(recordings_, regressor_, out_.setting.signals,
-                                  [&](JointMotion& motion) { return fit_with(out_.setting, motion); });
+    Preparation every_sample = out_.setting.signals;  // thinned samples are too coarse for their slopes by time
+    every_sample.narrowest_hz = every_sample.widest_hz = 0;
+    Setting without_outliers = out_.setting;  // which look like steps, and a step like a lag
+    without_outliers.robust = decided_.robust.value_or(Robust::tukey);
+    const auto found = torque_lag(recordings_, regressor_, std::move(every_sample),
+                                  [&](JointMotion& motion) { return fit_with(without_outliers, motion); });
     if (!found || std::ranges::none_of(found->lag, [](const Estimate& e) {
-          return e.status == Status::estimated && std::abs(e.value) > coupled_sigmas * e.sigma;
+          return e.status == Status::estimated && std::abs(e.value) > lag_sigmas * e.sigma;
         }))
       return false;
     Candidate candidate{"lag of torques:" + text_of(found->lag), out_.setting};
@@ -433,7 +488,7 @@ class Chooser {
     if (!motion || motion->size() != target_.motion.size()) return false;
     JointMotion before = std::exchange(target_.motion, *motion);
     auto t = tried(std::move(candidate));
-    const bool taken = t && is_better(t->comparison, coupled_gain, coupled_sigmas);
+    const bool taken = t && is_better(t->comparison, least_gain, lag_enough);
     if (taken)
       take(*std::move(t));
     else
@@ -548,7 +603,10 @@ Result<DynamicsChoice> choose_dynamics(const mujoco::Model& model, const Regress
                                        const BaseParameters& base, std::span<const RobotRecording> recordings,
                                        const Decided& decided, std::span<const double> torque_max_nm, unsigned threads,
                                        const std::function<void(double share)>& progress) {
-  return Chooser(model, regressor, base, recordings, decided, torque_max_nm, threads, progress).run();
+  Decided all = decided;
+  if (all.instruments)
+    all.asymmetry = false, all.by_position.emplace(), all.robust = Robust::none, all.prior = 0, all.lag = true;
+  return Chooser(model, regressor, base, recordings, all, torque_max_nm, threads, progress).run();
 }
 
 }  // namespace tribotwin::twin::identification

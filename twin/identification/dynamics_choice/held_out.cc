@@ -20,6 +20,10 @@ Result<RobotFriction> friction_of(const mujoco::Model& model, const Regressor& r
       double fastest = 0;
       for (Index i = 0; i < motion.size(); ++i)
         fastest = std::max(fastest, std::abs(regressor.speed(static_cast<Index>(r), motion.qd.col(i))));
+      if (may_depend_on_position(regressor, static_cast<Index>(r)) &&
+          std::ranges::find(setting.by_position, regressor.rotor_name(static_cast<Index>(r))) !=
+              setting.by_position.end())
+        (*friction)[r].depend_on_position();
       (*friction)[r].hold_stribeck_speed((setting.stribeck_share.empty() ? 0.1 : setting.stribeck_share[r]) * fastest);
     }
   return friction;

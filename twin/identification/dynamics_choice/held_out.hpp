@@ -1,6 +1,7 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <vector>
 
 #include <Eigen/Dense>
@@ -16,6 +17,7 @@ struct Setting {
   const friction::LawInfo* law = &coulomb_viscous();
   std::vector<double> stribeck_share;  ///< per rotor, of its largest speed: vs where the law holds one; empty: 0.1
   Directional directional{.offset = true};
+  std::vector<std::string> by_position;  ///< joints whose torque has a part by their own position
   Robust robust = Robust::none;
   bool rotor_inertia = true;
   double prior = 0;                  ///< as in DynamicsOptions

@@ -24,10 +24,12 @@ struct TorqueLag {
   std::vector<double> lag_s() const;
 };
 
-/// The lag of every joint's torque by Gauss-Newton: each round fits the dynamics with the lag as one more unknown,
-/// whose column is the slope of the predicted torque by time, and shifts the torques by what it finds. Held at 0 and
-/// named: a lag whose sigma is more than a quarter of a period of the cut-off, and one that does not come to rest.
-/// Rows near reversals say nothing of the lag, even where they count: friction follows a reversal late by itself.
+/// The lag of every joint's torque: each round fits the dynamics with the lag as one more unknown, whose column is the
+/// slope of the predicted torque by time, and shifts the torques by what it finds, divided by the part of a lag that
+/// this fit finds at all: noise of the slopes makes it less than 1, for the sigma as well. Held at 0 and named: a lag
+/// whose sigma is more than a quarter of a period of the cut-off, one that does not come to rest, and one that half the
+/// cut-off puts more than three sigmas elsewhere (elasticity, or friction that the law does not know). Rows near
+/// reversals say nothing of the lag, even where they count: friction follows a reversal late by itself.
 /// `preparation`'s own lags are where it starts. Errors as of prepare() and `fit`.
 Result<TorqueLag> torque_lag(std::span<const RobotRecording> recordings, const Regressor& regressor,
                              Preparation preparation, const LagFit& fit);

@@ -6,18 +6,22 @@ namespace tribotwin::twin::identification {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-std::optional<Jackknife> jackknife(std::span<const MatrixXd> normal) {
+namespace {
+
+using Solver = std::optional<VectorXd> (*)(const MatrixXd& A, const VectorXd& b, double singular);
+
+std::optional<Jackknife> jackknife_by(Solver solution_of, std::span<const MatrixXd> normal) {
   constexpr double singular = 1e-12;
   const Index n = normal.front().cols() - 1;
   MatrixXd all = MatrixXd::Zero(n + 1, n + 1);
   for (const MatrixXd& N : normal) all += N;
-  const VectorXd scale = all.diagonal().head(n).cwiseSqrt().cwiseInverse();
+  const VectorXd scale = all.diagonal().head(n).cwiseAbs().cwiseSqrt().cwiseInverse();
   MatrixXd solutions(n, static_cast<Index>(normal.size()));
   Index groups = 0;
   for (const MatrixXd& N : normal) {
     if (N.isZero(0)) continue;
     const MatrixXd rest = scale.asDiagonal() * (all - N).topLeftCorner(n, n) * scale.asDiagonal();
-    const auto solution = symmetric_solution(rest, scale.cwiseProduct((all - N).col(n).head(n)), singular);
+    const auto solution = solution_of(rest, scale.cwiseProduct((all - N).col(n).head(n)), singular);
     if (!solution) return std::nullopt;
     solutions.col(groups++) = scale.cwiseProduct(*solution);
   }
@@ -28,6 +32,17 @@ std::optional<Jackknife> jackknife(std::span<const MatrixXd> normal) {
   // Of normal errors the sum of fourth powers is three times what equal ones have.
   const Eigen::ArrayXd freedom = 3 * squares.rowwise().sum().square() / squares.square().rowwise().sum() - 1;
   return Jackknife{.variance = (g - 1) / g * squares.rowwise().sum(), .freedom = freedom.max(1).min(g - 1)};
+}
+
+}  // namespace
+
+std::optional<Jackknife> jackknife(std::span<const MatrixXd> normal) {
+  return jackknife_by(
+      [](const MatrixXd& A, const VectorXd& b, double singular) { return symmetric_solution(A, b, singular); }, normal);
+}
+
+std::optional<Jackknife> jackknife_of_instruments(std::span<const MatrixXd> moments) {
+  return jackknife_by(well_conditioned_solution, moments);
 }
 
 Jackknife moderated(const Jackknife& known, const VectorXd& of_information) {

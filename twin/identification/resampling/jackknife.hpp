@@ -19,6 +19,9 @@ struct Jackknife {
 /// where the other groups do not determine the solution without one of them.
 std::optional<Jackknife> jackknife(std::span<const Eigen::MatrixXd> normal);
 
+/// The same for instrumental variables, `moments`: of each group [instruments, 0]^T [columns, right-hand side].
+std::optional<Jackknife> jackknife_of_instruments(std::span<const Eigen::MatrixXd> moments);
+
 /// Variances `known` of correlated, unequal errors as multiples of those that `information` gives, each drawn towards
 /// the median multiple as if that had ten degrees of freedom (Smyth 2004): a variance from few groups is known poorly.
 Jackknife moderated(const Jackknife& known, const Eigen::VectorXd& of_information);

@@ -142,6 +142,7 @@ class Nearest {
     constexpr double every = 0.5;
     constexpr int most_steps = 50;
     for (double mu = distance(now_);; mu *= every) {
+      if (!std::isfinite(mu)) return std::move(now_);  // nothing is known of the distance
       mu = std::max(mu, last);
       for (int k = 0; k < most_steps; ++k)
         if (!step(mu)) break;

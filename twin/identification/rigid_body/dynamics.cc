@@ -152,6 +152,7 @@ class Identification {
 
   Result<DynamicsFit> run() && {
     progress(0);
+    if (auto ok = require_linear(); !ok) return tl::unexpected(ok.error());
     if (auto ok = require_motion(); !ok) return tl::unexpected(ok.error());
     now_.base = of_model_ = base_.from_all * regressor_.model_parameters();
     for (const auto& f : friction_) now_.friction.emplace_back(static_cast<std::size_t>(f.size()), 0.0);
@@ -161,6 +162,8 @@ class Identification {
       if (auto ok = start(); !ok) return tl::unexpected(ok.error());
     progress(0.3);
     iterate();
+    if (options_.instruments)
+      if (auto ok = apply_instruments(); !ok) return tl::unexpected(ok.error());
     if (options_.essential_only) eliminate();
     if (options_.folds > 1) leave_out();
     if (options_.lag) add_lags();
@@ -179,6 +182,22 @@ class Identification {
   }
   void progress(double share) const {
     if (options_.progress) options_.progress(share);
+  }
+
+  /// What instruments do not go with.
+  Result<void> require_linear() const {
+    const DynamicsOptions& o = options_;
+    if (!o.instruments) return {};
+    if (o.robust != Robust::none || o.prior > 0 || o.essential_only || o.evidence || o.lag || o.folds > 1)
+      return tl::unexpected(
+          Error("instrumental variables go with no robust loss, prior, elimination, lag that is unknown or folds"));
+    for (const JointFriction& f : friction_)
+      if (!f.linear() || !knows_instruments(f.law()))
+        return tl::unexpected(Error(
+            fmt::format("instrumental variables go with friction that is linear in its parameters and knows no load: "
+                        "coulomb_viscous or coulomb_viscous_stribeck without asymmetry, not '{}'{}",
+                        f.law().name, f.directional().asymmetry ? " with asymmetry" : "")));
+    return {};
   }
 
   Result<void> require_motion() const {
@@ -550,8 +569,43 @@ class Identification {
     VectorXd quantile;    ///< half widths of 95 % intervals in sigmas
   };
 
+  /// From the estimates of least squares to those of instrumental variables, whose residuals weigh the joints.
+  Result<void> apply_instruments() {
+    constexpr int rounds = 3;  // the weights settle; the equations are linear
+    constexpr double singular = 1e-12;
+    const DynamicsProblem other(regressor_, base_, friction_, options_.instruments->motion, options_.threads);
+    const auto n = static_cast<Index>(order_.size());
+    for (int round = 0; round < rounds; ++round) {
+      const MatrixXd M = all_moments(problem_, other);
+      const VectorXd scale = M.diagonal().head(n).cwiseAbs().cwiseSqrt().cwiseInverse();
+      const auto step = well_conditioned_solution(scale.asDiagonal() * M.topLeftCorner(n, n) * scale.asDiagonal(),
+                                                  scale.cwiseProduct(M.col(n).head(n)), singular);
+      if (!step) return tl::unexpected(Error("the instruments do not follow the motion: their equations are singular"));
+      advance(scale.cwiseProduct(*step), 1);
+      judge(problem_.residuals(now_).residual);
+      weigh();
+    }
+    const MatrixXd inverse_moments = inverse(all_moments(problem_, other).topLeftCorner(n, n));
+    // Rows of Z with themselves: the covariance for independent errors, which the jackknife scales.
+    sandwich_ = inverse_moments * all_moments(other, other).topLeftCorner(n, n) * inverse_moments.transpose();
+    auto known = uncertainty_of_instruments();
+    if (!known) return tl::unexpected(known.error());
+    of_instruments_ = std::move(*known);
+    out_.instrumental = true;
+    out_.notes.insert(out_.notes.end(), options_.instruments->notes.begin(), options_.instruments->notes.end());
+    return {};
+  }
+
+  MatrixXd all_moments(const DynamicsProblem& rows, const DynamicsProblem& instruments) const {
+    return rows
+        .moments(instruments, now_, weights_, order_, std::vector<Index>(static_cast<std::size_t>(motion_.size()), 0),
+                 1)
+        .front();
+  }
+
   /// Correlations as the information has them, variances as the jackknife.
   Uncertainty uncertainty() {
+    if (options_.instruments) return of_instruments_;
     const MatrixXd C = unit_covariance(R_);
     std::vector<MatrixXd> blocks, files;
     const std::vector<std::size_t> file = problem_.files();
@@ -573,19 +627,50 @@ class Identification {
       return {C, VectorXd::Constant(C.rows(), interval_sigmas(effective - static_cast<double>(order_.size())))};
     }
     const Jackknife between_blocks = moderated(*found, C.diagonal());
-    const VectorXd factor =
-        between_blocks.variance.cwiseQuotient(C.diagonal()).cwiseSqrt() * between(files, between_blocks.variance);
+    const VectorXd factor = between_blocks.variance.cwiseQuotient(C.diagonal()).cwiseSqrt() *
+                            between(jackknife(files), std::ssize(files), between_blocks.variance);
     return {factor.asDiagonal() * C * factor.asDiagonal(), between_blocks.freedom.unaryExpr(&interval_sigmas)};
+  }
+
+  /// By the larger of two variances: between stretches of time, and between groups of the instruments, across which no
+  /// error meets itself. Repeated errors of the model are in the second alone, drift in the first alone.
+  Result<Uncertainty> uncertainty_of_instruments() {
+    const Instruments& z = *options_.instruments;
+    const DynamicsProblem other(regressor_, base_, friction_, z.motion, options_.threads);
+    std::vector<Index> block(z.group.size(), 0);
+    for (std::size_t b = 0; b < problem_.blocks().size(); ++b)
+      for (Index i = problem_.blocks()[b].first; i < problem_.blocks()[b].second; ++i)
+        block[static_cast<std::size_t>(i)] = static_cast<Index>(b);
+    const auto of_blocks =
+        problem_.moments(other, now_, weights_, order_, block, static_cast<Index>(problem_.blocks().size()));
+    const auto in_time = jackknife_of_instruments(of_blocks),
+               by_group = jackknife_of_instruments(problem_.moments(other, now_, weights_, order_, z.group, z.groups));
+    const VectorXd formal = sandwich_.diagonal();
+    if (!in_time || !by_group)
+      return tl::unexpected(
+          Error("instrumental variables: one stretch of the motion alone tells some parameter, so "
+                "that sigmas are not known"));
+    const Jackknife a = moderated(*in_time, formal), b = moderated(*by_group, formal);
+    const VectorXd variance = a.variance.cwiseMax(b.variance);
+    const VectorXd freedom = (a.variance.array() > b.variance.array()).select(a.freedom, b.freedom);
+    std::vector<MatrixXd> files;
+    const std::vector<std::size_t> file = problem_.files();
+    for (std::size_t k = 0; k < file.size(); ++k)
+      if (k == 0 || file[k] != file[k - 1])
+        files.push_back(of_blocks[k]);
+      else
+        files.back() += of_blocks[k];
+    const VectorXd factor = variance.cwiseQuotient(formal).cwiseSqrt() *
+                            between(jackknife_of_instruments(files), std::ssize(files), variance);
+    return Uncertainty{factor.asDiagonal() * sandwich_ * factor.asDiagonal(), freedom.unaryExpr(&interval_sigmas)};
   }
 
   /// How much more estimates vary between files than between blocks of time, as a factor of sigmas: the median over all
   /// unknowns, as each alone is known poorly from a few files.
-  double between(const std::vector<MatrixXd>& files, const VectorXd& between_blocks) {
-    if (files.size() < 3) return 1;
-    const auto found = jackknife(files);
-    if (!found) return 1;
+  double between(const std::optional<Jackknife>& found, std::ptrdiff_t files, const VectorXd& between_blocks) {
+    if (files < 3 || !found) return 1;
     const VectorXd ratio = found->variance.cwiseQuotient(between_blocks);
-    const double freedom = static_cast<double>(files.size()) - 1, expected = chi_squared_median(freedom) / freedom;
+    const double freedom = static_cast<double>(files) - 1, expected = chi_squared_median(freedom) / freedom;
     out_.between_files = std::sqrt(std::max(1.0, median_of({ratio.begin(), ratio.end()}) / expected));
     return out_.between_files;
   }
@@ -695,14 +780,22 @@ class Identification {
   VectorXd noise_, correlation_, weights_;  ///< per joint
   VectorXd of_model_;                       ///< base parameters
   MatrixXd prior_;                          ///< information of the prior; empty: none
-  MatrixXd R_;                              ///< of the free unknowns, at the last pass
-  std::vector<Index> order_;                ///< the unknown of each column of R_
+  MatrixXd sandwich_;                       ///< covariance by instruments for independent errors
+  Uncertainty of_instruments_;
+  MatrixXd R_;                ///< of the free unknowns, at the last pass
+  std::vector<Index> order_;  ///< the unknown of each column of R_
 };
 
 }  // namespace
 
 std::string_view name_of(Robust robust) {
   return robust == Robust::huber ? "huber" : robust == Robust::tukey ? "tukey" : "none";
+}
+
+bool knows_instruments(const friction::LawInfo& law) { return JointFriction::is_linear(law) && !law.load_dependent; }
+
+std::string_view estimator_of(const DynamicsFit& fit) {
+  return fit.instrumental ? "instrumental_variables" : "least_squares";
 }
 
 Result<DynamicsFit> fit_dynamics(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,

@@ -32,6 +32,19 @@ enum class Robust {
 /// As in options and output: "none", "huber", "tukey".
 std::string_view name_of(Robust robust);
 
+/// Instrumental variables (Janot 2014) against errors in the regressor, which pull least squares towards 0: a second
+/// motion that follows the first but not its errors.
+struct Instruments {
+  JointMotion motion;               ///< q, qd, qdd and direction for each sample of the motion
+  std::vector<Eigen::Index> group;  ///< per sample: errors are independent between groups, those of the instruments and
+                                    ///< of their samples alike
+  Eigen::Index groups = 0;
+  std::vector<std::string> notes;
+};
+/// Whether instrumental variables estimate this law: it is linear in its parameters and knows no load, which would take
+/// the errors of the torque into the instruments.
+bool knows_instruments(const friction::LawInfo& law);
+
 struct DynamicsOptions {
   Robust robust = Robust::none;
   bool weigh = true;          ///< joints by their noise
@@ -45,6 +58,9 @@ struct DynamicsOptions {
   unsigned folds = 0;           ///< parts of the samples to leave out one at a time (resampling/folds.hpp); 0: none
   const struct DynamicsFit* start = nullptr;  ///< of the same base parameters: begin there instead of at the model;
                                               ///< friction by its parameters' names
+  /// Null: least squares. Else beta = (Z^T W Y)^-1 Z^T W tau with the instruments' regressor Z; of laws that are linear
+  /// and know no load, without robust, prior, essential_only, evidence, lag and folds (ErrorKind::input).
+  const Instruments* instruments = nullptr;
   unsigned threads = 2;
   std::function<void(double share)> progress;
 };
@@ -83,10 +99,15 @@ struct DynamicsFit {
   /// what the other folds do not tell is as in the model.
   Eigen::MatrixXd held_out;
   double prior_by_evidence =
-      0;  ///< where asked for: the `prior` under which the data are the most probable
-          ///< (robot/inertial_prior.hpp); 0: none that is narrower than ten times the bodies' sizes
+      0;                      ///< where asked for: the `prior` under which the data are the most probable
+                              ///< (robot/inertial_prior.hpp); 0: none that is narrower than ten times the bodies' sizes
+  bool instrumental = false;  ///< by instrumental variables: `joints` and errors are those of their residuals,
+                              ///< `objective` is still that of least squares
   std::vector<std::string> notes;
 };
+
+/// "least_squares" or "instrumental_variables".
+std::string_view estimator_of(const DynamicsFit& fit);
 
 /// ErrorKind::input with what is missing from the data or wrong in them.
 Result<DynamicsFit> fit_dynamics(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,

@@ -66,11 +66,13 @@ std::vector<JointRange> read_ranges(Mapping& in, const Regressor& regressor) {
 }
 
 /// Names of a rotor's friction parameters, in their order.
-std::vector<std::string> friction_names(const friction::LawInfo& law, Directional beside, bool coupled) {
+std::vector<std::string> friction_names(const friction::LawInfo& law, Directional beside, bool coupled,
+                                        bool by_position) {
   std::vector<std::string> names;
   for (const auto& p : law.parameters) names.emplace_back(p.name);
   if (beside.offset && !coupled) names.emplace_back(offset_name);
   if (beside.asymmetry) names.emplace_back(asymmetry_name);
+  if (by_position) names.emplace_back(cosine_name), names.emplace_back(sine_name);
   return names;
 }
 
@@ -123,7 +125,8 @@ void read_consistent(Mapping& in, const Regressor& regressor, const BaseParamete
       auto rotor = friction->mapping(regressor.rotor_name(r));
       if (!rotor) friction->fail(regressor.rotor_name(r), "is missing");
       auto value = dynamics.parameters.friction[static_cast<std::size_t>(r)].begin();
-      for (const auto& name : friction_names(*out.law, out.directional, regressor.is_coupled(r)))
+      for (const auto& name : friction_names(*out.law, out.directional, regressor.is_coupled(r),
+                                             out.by_position[static_cast<std::size_t>(r)]))
         *value++ = rotor->number(name);
       rotor->done();
     }
@@ -282,6 +285,7 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   out << YAML::BeginMap << YAML::Key << "model" << YAML::Value << origin.model << YAML::Key << "data" << YAML::Value
       << YAML::Flow << origin.data;
   out << YAML::Key << "friction_law" << YAML::Value << std::string(law.name);
+  out << YAML::Key << "estimator" << YAML::Value << std::string(estimator_of(fit));
   out << YAML::Key << "signals" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "cutoff_hz"
       << YAML::Value << origin.signals.cutoff_hz << YAML::Key << "recorded_velocity" << YAML::Value
       << origin.signals.recorded_velocity << YAML::Key << "reversals" << YAML::Value << origin.signals.reversals
@@ -366,6 +370,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   in.accept({"model",
              "data",
              "friction_law",
+             "estimator",
              "signals",
              "coupling",
              "drive_gains",
@@ -405,6 +410,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   }
   auto friction = in.mapping("friction");
   if (!friction) in.fail("friction", "is missing: a mapping of joints");
+  out.by_position.assign(static_cast<std::size_t>(regressor.rotors()), false);
   for (Index r = 0; r < regressor.rotors(); ++r) {
     if (!regressor.is_coupled(r) && !out.left_out[static_cast<std::size_t>(r)].empty()) {
       out.parameters.friction.emplace_back();
@@ -426,6 +432,10 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
     if (!regressor.is_coupled(r)) out.directional = beside;
     if (out.directional.offset && !regressor.is_coupled(r)) read(offset_name);
     if (out.directional.asymmetry) read(asymmetry_name, {-1, 1});
+    if (may_depend_on_position(regressor, r) && joint->has(std::string(cosine_name))) {
+      read(cosine_name), read(sine_name);
+      out.by_position[static_cast<std::size_t>(r)] = true;
+    }
     joint->done();
   }
   friction->done();

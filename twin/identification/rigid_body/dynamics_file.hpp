@@ -33,7 +33,8 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
 
 struct DynamicsFile {
   const friction::LawInfo* law = nullptr;
-  Directional directional;
+  Directional directional;        ///< of all joints; what depends on the position is per joint
+  std::vector<bool> by_position;  ///< per rotor, whether its friction has a part by position
   RobotParameters parameters;
   RobotParameters sigma;              ///< one standard deviation of each; NaN where it was held
   std::vector<double> noise;          ///< per joint [Nm; N], NaN where it was left out; empty where the file names none

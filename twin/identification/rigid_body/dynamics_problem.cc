@@ -89,7 +89,7 @@ class DynamicsProblem::Accumulator {
         parameters_(parameters),
         weight_(weight),
         regressor_(problem.regressor_),
-        by_(static_cast<Index>(friction::max_parameters) + 2, problem.regressor_.rotors()),
+        by_(static_cast<Index>(friction::max_parameters) + 4, problem.regressor_.rotors()),
         value_(VectorXd::Zero(problem.regressor_.rotors())),
         rigid_(problem.joints()),
         Yb_(problem.joints(), problem.base_size()) {
@@ -124,9 +124,6 @@ class DynamicsProblem::Accumulator {
       }
     }
   }
-  std::vector<TriangularFactor> factors() && { return std::move(R_); }
-
- private:
   void evaluate(Index i) {
     const JointMotion& motion = problem_.motion_;
     const MatrixXd& Y = regressor_.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i));
@@ -138,7 +135,21 @@ class DynamicsProblem::Accumulator {
       if (acts(r, i))
         value_(r) = friction_of(regressor_, problem_.friction_, parameters_, motion, r, i, rigid_, by_.col(r).data());
   }
+  /// Row of a joint in the evaluated sample, [columns, residual] with columns at their `place` (-1: none), else 0.
+  void row_of(Index i, Index j, const std::vector<Index>& place, VectorXd& row) const {
+    VectorXd own(static_cast<Index>(problem_.columns_[static_cast<std::size_t>(j)].size()) + 1);
+    write_row(i, j, 1, residual_of(j, i), own);
+    row.setZero();
+    for (Index c = 0; c + 1 < own.size(); ++c)
+      if (const Index at = place[static_cast<std::size_t>(
+              problem_.columns_[static_cast<std::size_t>(j)][static_cast<std::size_t>(c)])];
+          at >= 0)
+        row(at) = own(c);
+    row(row.size() - 1) = own(own.size() - 1);
+  }
+  std::vector<TriangularFactor> factors() && { return std::move(R_); }
 
+ private:
   /// Whether a rotor's friction acts on a joint that moves.
   bool acts(Index rotor, Index i) const {
     for (Index j = 0; j < problem_.joints(); ++j)
@@ -154,9 +165,12 @@ class DynamicsProblem::Accumulator {
   }
 
   void add_row(Index i, Index j, double residual) {
+    write_row(i, j, (*weight_)(j, residual), residual, R_[static_cast<std::size_t>(j)].row());
+  }
+
+  template <typename Row>
+  void write_row(Index i, Index j, double w, double residual, Row&& row) const {
     const auto at = static_cast<std::size_t>(j);
-    const double w = (*weight_)(j, residual);
-    auto row = R_[at].row();
     const Index own_base = problem_.base_columns_[at];
     for (Index c = 0; c < own_base; ++c) row(c) = w * Yb_(j, problem_.columns_[at][static_cast<std::size_t>(c)]);
     Index column = own_base;
@@ -248,6 +262,32 @@ MatrixXd DynamicsProblem::normal_matrix(const Pass& pass, std::size_t block, con
     const MatrixXd own = joint_weight(static_cast<Index>(j)) * R(Eigen::all, from);
     out(to, to) += own.transpose() * own;
   }
+  return out;
+}
+
+std::vector<MatrixXd> DynamicsProblem::moments(const DynamicsProblem& instruments, const RobotParameters& parameters,
+                                               const VectorXd& joint_weight, const std::vector<Index>& order,
+                                               const std::vector<Index>& group, Index groups) const {
+  std::vector<Index> place(static_cast<std::size_t>(unknowns_), -1);
+  for (std::size_t c = 0; c < order.size(); ++c) place[static_cast<std::size_t>(order[c])] = static_cast<Index>(c);
+  const auto width = static_cast<Index>(order.size()) + 1;
+  std::vector<std::vector<Index>> samples(static_cast<std::size_t>(groups));
+  for (Index i = 0; i < motion_.size(); ++i)
+    if (motion_.moving.col(i).any()) samples[static_cast<std::size_t>(group[static_cast<std::size_t>(i)])].push_back(i);
+  std::vector<MatrixXd> out(samples.size(), MatrixXd::Zero(width, width));
+  in_parallel(samples.size(), threads_, [&](std::size_t g) {
+    Accumulator own(*this, parameters, nullptr), other(instruments, parameters, nullptr);
+    VectorXd Y(width), Z(width);
+    for (const Index i : samples[g]) {
+      own.evaluate(i), other.evaluate(i);
+      for (Index j = 0; j < joints(); ++j) {
+        if (!motion_.moving(j, i)) continue;
+        own.row_of(i, j, place, Y), other.row_of(i, j, place, Z);
+        Z(width - 1) = 0;
+        out[g] += joint_weight(j) * joint_weight(j) * Z * Y.transpose();
+      }
+    }
+  });
   return out;
 }
 

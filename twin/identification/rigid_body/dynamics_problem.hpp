@@ -69,6 +69,12 @@ class DynamicsProblem {
   Eigen::MatrixXd normal_matrix(const Pass& pass, std::size_t block, const Eigen::VectorXd& joint_weight,
                                 const std::vector<Eigen::Index>& order) const;
 
+  /// [Z, 0]^T W [Y, residual] of each group of samples, columns as in `order`: Z are the columns of `instruments`, a
+  /// problem of the same unknowns. `group`: of each sample, 0 .. groups - 1.
+  std::vector<Eigen::MatrixXd> moments(const DynamicsProblem& instruments, const RobotParameters& parameters,
+                                       const Eigen::VectorXd& joint_weight, const std::vector<Eigen::Index>& order,
+                                       const std::vector<Eigen::Index>& group, Eigen::Index groups) const;
+
  private:
   class Accumulator;
   Pass pass(const RobotParameters& parameters, const Weight* weight) const;

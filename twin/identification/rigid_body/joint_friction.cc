@@ -31,6 +31,9 @@ constexpr friction::Parameter asymmetry_parameter{
     none,
     none,
     "half the difference of forward and reverse friction per mean of both"};
+constexpr friction::Parameter cosine_parameter{
+    cosine_name, "Nm", -1e9, 1e9, none, none, "of the torque by the cosine of the angle"},
+    sine_parameter{sine_name, "Nm", -1e9, 1e9, none, none, "of the torque by the sine of the angle"};
 
 using Numbers = std::span<const double>;
 
@@ -121,6 +124,7 @@ std::optional<double> JointFriction::held(Index index) const {
 
 const friction::Parameter& JointFriction::parameter(Index index) const {
   if (index < law_size()) return law_->parameters[static_cast<std::size_t>(index)];
+  if (directional_.position && index >= size() - 2) return index == size() - 1 ? sine_parameter : cosine_parameter;
   return directional_.offset && index == law_size() ? offset_parameter : asymmetry_parameter;
 }
 
@@ -138,7 +142,7 @@ double JointFriction::filtered_torque(std::span<const double> p, double speed, d
                                       double temperature_degC, double* derivatives) const {
   const auto own = static_cast<std::size_t>(law_size());
   const double offset = directional_.offset ? p[own] : 0,
-               asymmetry = directional_.asymmetry ? p[static_cast<std::size_t>(size()) - 1] : 0;
+               asymmetry = directional_.asymmetry ? p[own + directional_.offset] : 0;
   const double turning = scales_.torque * (direction + asymmetry),
                moving = scales_.torque * (std::copysign(1, speed) + asymmetry);
   const friction::GeneralLaw law = law_->general_law(p.first(own));
@@ -164,9 +168,16 @@ double JointFriction::filtered_torque(std::span<const double> p, double speed, d
     Eigen::Map<Eigen::VectorXd>(derivatives, law_size()) = place_.linear.transpose() * terms(place_.linear_used) +
                                                            place_.nonlinear.transpose() * shapes(place_.nonlinear_used);
     if (directional_.offset) derivatives[own] = 1;
-    if (directional_.asymmetry) derivatives[size() - 1] = scales_.torque * at.torque;
+    if (directional_.asymmetry) derivatives[own + directional_.offset] = scales_.torque * at.torque;
   }
   return torque + offset;
+}
+
+double JointFriction::position_torque(std::span<const double> p, double angle_rad, double* derivatives) const {
+  if (!directional_.position) return 0;
+  const double by_cosine = std::cos(angle_rad), by_sine = std::sin(angle_rad);
+  if (derivatives) derivatives[cosine_at()] = by_cosine, derivatives[cosine_at() + 1] = by_sine;
+  return p[cosine_at()] * by_cosine + p[cosine_at() + 1] * by_sine;
 }
 
 }  // namespace tribotwin::twin::identification

@@ -28,16 +28,19 @@ const friction::LawInfo* with_stribeck(const friction::LawInfo& law);
 /// The law of these with the same term of vs and with the load term; null for other laws.
 const friction::LawInfo* with_load(const friction::LawInfo& law);
 
-/// What a joint has beside its law f: tau = sgn(v) f(|v|, l, T) (1 + asymmetry sgn(v)) + offset.
+/// What a joint has beside its law f: tau = sgn(v) f(|v|, l, T) (1 + asymmetry sgn(v)) + offset + C cos q + S sin q.
 struct Directional {
   bool offset = false;     ///< a torque [Nm; N] whatever the speed: of a spring, of gravity, of the sensor
   bool asymmetry = false;  ///< [-]: half the difference of forward and reverse friction per mean of both
+  /// C and S [Nm], of a hinge at angle q: a spring, a counterweight, cables, a torque sensor that turns with the joint.
+  bool position = false;
 
-  Eigen::Index count() const { return offset + asymmetry; }
+  Eigen::Index count() const { return offset + asymmetry + 2 * position; }
   bool operator==(const Directional&) const = default;
 };
-/// The names of both, in the order in which they follow the law's parameters.
-inline constexpr std::string_view offset_name = "offset", asymmetry_name = "asymmetry";
+/// Their names, in the order in which they follow the law's parameters.
+inline constexpr std::string_view offset_name = "offset", asymmetry_name = "asymmetry", cosine_name = "cos_q",
+                                  sine_name = "sin_q";
 
 class JointFriction {
  public:
@@ -51,13 +54,15 @@ class JointFriction {
   const friction::LawInfo& law() const { return *law_; }
   const Scales& scales() const { return scales_; }
   Directional directional() const { return directional_; }
-  /// The number of parameters: the law's, then offset and asymmetry.
+  /// The number of parameters: the law's, then offset, asymmetry, cosine and sine.
   Eigen::Index size() const { return law_size() + directional_.count(); }
   Eigen::Index law_size() const { return static_cast<Eigen::Index>(law_->parameters.size()); }
   const friction::Parameter& parameter(Eigen::Index index) const;
   /// Whether friction is linear in its parameters.
   bool linear() const { return is_linear(*law_) && !directional_.asymmetry; }
   static bool is_linear(const friction::LawInfo& law);
+  /// Gives it the parts C cos q and S sin q.
+  void depend_on_position() { directional_.position = true; }
   /// The vs [rad/s; m/s] of a law of with_stribeck; for other laws without effect.
   void hold_stribeck_speed(double vs) { stribeck_speed_ = vs; }
   /// The value of a parameter that is not fitted.
@@ -82,8 +87,12 @@ class JointFriction {
   /// change little within a period of the cut-off.
   double filtered_torque(std::span<const double> parameters, double speed, double direction, double load_nm,
                          double temperature_degC, double* derivatives = nullptr) const;
+  /// C cos q + S sin q [Nm] at a joint angle [rad], which `torque` has not; 0 without these parts.
+  double position_torque(std::span<const double> parameters, double angle_rad, double* derivatives = nullptr) const;
 
  private:
+  std::size_t cosine_at() const { return static_cast<std::size_t>(size()) - 2; }
+
   const friction::LawInfo* law_;
   Scales scales_;
   Directional directional_;

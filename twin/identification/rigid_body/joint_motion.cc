@@ -23,7 +23,7 @@ constexpr double slow = SlowRows::share;
 constexpr double above_noise = 4, slow_with_noise = 0.1;
 /// Of a joint's range in the recordings: less in one direction may be within the bristles of its friction, or the last
 /// swing of a controller that has stopped it.
-constexpr double far = 0.003;
+constexpr double far = 0.001;
 /// Periods of the cut-off that are left out at the ends. The filter rings for two, as what comes before a record begins
 /// is not known, and its accelerations are a step to the filter; but short records have their slow rows there.
 constexpr double ringing = 0.5;

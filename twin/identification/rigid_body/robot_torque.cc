@@ -31,9 +31,14 @@ Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor
     if (law.normalised) scales.torque = scales.torque_max_nm;
     Directional beside = directional;
     if (regressor.is_coupled(r)) beside.offset = false;
+    beside.position = directional.position && may_depend_on_position(regressor, r);
     out.emplace_back(law, scales, beside);
   }
   return out;
+}
+
+bool may_depend_on_position(const Regressor& regressor, Index rotor) {
+  return !regressor.is_coupled(rotor) && !regressor.is_slide(regressor.joint_of(rotor));
 }
 
 double friction_of(const Regressor& regressor, const RobotFriction& friction, const RobotParameters& parameters,
@@ -41,9 +46,11 @@ double friction_of(const Regressor& regressor, const RobotFriction& friction, co
   const auto at = static_cast<std::size_t>(rotor);
   const double speed = regressor.speed(rotor, motion.qd.col(sample));
   if (speed == 0 && !derivatives) return 0;
+  const Index joint = regressor.joint_of(rotor);
   return friction[at].filtered_torque(parameters.friction[at], speed, motion.direction(rotor, sample),
                                       regressor.load(rotor, rigid, motion.qdd.col(sample)),
-                                      motion.temperature_degC(regressor.joint_of(rotor), sample), derivatives);
+                                      motion.temperature_degC(joint, sample), derivatives) +
+         friction[at].position_torque(parameters.friction[at], motion.q(joint, sample), derivatives);
 }
 
 Index first_column(const Regressor& regressor, int body) {

@@ -31,6 +31,9 @@ struct RobotParameters {
   std::vector<std::vector<double>> friction;  ///< per rotor, in the law's order
 };
 
+/// Whether a rotor's friction may have a part by position: of a hinge, not of a motor that turns with several joints.
+bool may_depend_on_position(const Regressor& regressor, Eigen::Index rotor);
+
 /// Friction [Nm; N] of a rotor in a sample of the motion, 0 at rest: the one place that knows its speed and load.
 /// `rigid`: rigid torques [Nm; N] of all joints in the sample. Derivatives by its parameters where not null.
 double friction_of(const Regressor& regressor, const RobotFriction& friction, const RobotParameters& parameters,

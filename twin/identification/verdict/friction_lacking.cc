@@ -40,6 +40,10 @@ std::vector<Lacking> lacking_friction(const Regressor& regressor, const RobotFri
     const Samples samples = seen_by_law(f, fit.parameters.friction[k], motion, gear_load, j);
     if (samples.size() == 0 || !std::isfinite(samples.friction.front())) continue;  // its friction is not known
     Estimates own{.parameters = fit.friction[k], .covariance = fit.friction_covariance[k]};
+    if (f.directional().position) {  // parts of a curve over speed are judged; these are not
+      own.parameters.resize(own.parameters.size() - 2);
+      own.covariance = own.covariance.topLeftCorner(f.size() - 2, f.size() - 2).eval();
+    }
     own.r_squared = 1;
     for (const std::string_view convention : f.reference_temperatures())  // is no result
       for (Estimate& e : own.parameters)

@@ -1,4 +1,5 @@
 #include <cmath>
+#include <fstream>
 #include <memory>
 #include <random>
 
@@ -30,8 +31,9 @@ struct Defects {
   double offset_nm = 0, asymmetry = 0, stribeck_nm = 0, per_load = 0, ripple = 0;
   double noise_nm = 0.3, noise_memory = 0;  ///< correlation of the noise from one sample to the next
   double position_step_rad = 1e-6;
-  double outliers = 0;    ///< share of samples
-  double coupled_nm = 0;  ///< Coulomb friction of an elbow motor that turns with both joints
+  double outliers = 0;        ///< share of samples
+  double by_position_nm = 0;  ///< of the elbow: this times cos q - sin q
+  double coupled_nm = 0;      ///< Coulomb friction of an elbow motor that turns with both joints
   bool velocity = false;
 };
 
@@ -64,6 +66,7 @@ class Arm {
             d.noise_memory * noise[j] + std::sqrt(1 - d.noise_memory * d.noise_memory) * d.noise_nm * normal(random);
         double torque = rigid(j) + sign * level * (1 + d.asymmetry * sign) + d.offset_nm + noise[j];
         torque += std::copysign(d.coupled_nm, qd.sum());
+        if (j == 1) torque += d.by_position_nm * (std::cos(q(j)) - std::sin(q(j)));
         torque *= 1 + d.ripple * std::sin(37 * q(j) + swing.phase(j, 0));
         if (uniform(random) < d.outliers) torque += 60 * normal(random);
         r.position(j, i) = d.position_step_rad * std::round(q(j) / d.position_step_rad);
@@ -184,6 +187,7 @@ TEST(Choice, TakesWhatTheRecordingsHave) {
   EXPECT_FALSE(plain.setting.directional.asymmetry);
   EXPECT_TRUE(plain.by_file);
   EXPECT_THAT(plain.setting.motors, testing::IsEmpty());
+  EXPECT_THAT(plain.setting.by_position, testing::IsEmpty());
   const DynamicsChoice coarse = arm.choice(arm.recordings({.position_step_rad = 2e-3, .velocity = true}, 50));
   EXPECT_TRUE(coarse.setting.signals.recorded_velocity);
   EXPECT_TRUE(taken(coarse, "recorded velocity"));
@@ -203,6 +207,35 @@ TEST(Choice, FindsAMotorThatTurnsWithTwoJoints) {
   Decided none = quick;
   none.coupling = true;
   EXPECT_THAT(arm.choice(training, none).setting.motors, testing::IsEmpty());
+}
+
+// As of cables or a sensor that turns with the joint: found in its joint alone, and kept by the file.
+TEST(Choice, FindsATorqueByPosition) {
+  Arm arm;
+  const Decided quick{
+      .cutoff_hz = 20, .asymmetry = false, .prior = 0, .coupling = true, .lag = true, .robust = Robust::none};
+  const auto training = arm.recordings({.by_position_nm = 3}, 60);
+  const DynamicsChoice choice = arm.choice(training, quick);
+  EXPECT_THAT(choice.setting.by_position, testing::ElementsAre("elbow"));
+  const auto motion = prepare(training, arm.regressor(), choice.setting.signals);
+  const auto friction = friction_of(arm.model(), arm.regressor(), choice.setting, {}, *motion);
+  const auto fit = fit_dynamics(arm.regressor(), arm.base(), *friction, *motion);
+  ASSERT_TRUE(fit) << fit.error().message;
+  const auto& elbow = fit->friction[1];
+  const std::size_t first = elbow.size() - 2;
+  EXPECT_EQ(elbow[first].name, "cos_q");
+  EXPECT_NEAR(elbow[first].value, 3, 3.5 * elbow[first].sigma);
+  EXPECT_NEAR(elbow[first + 1].value, -3, 3.5 * elbow[first + 1].sigma);
+  EXPECT_LT(elbow[first + 1].sigma, 0.3);
+  const std::string file = testing::TempDir() + "by_position.yaml";
+  std::ofstream(file) << to_yaml(
+      *fit, arm.base(), *choice.setting.law, arm.regressor(),
+      nearest_consistent(arm.regressor(), arm.base(), fit->parameters.base, fit->information), {.model = "arm.xml"});
+  const auto read = read_dynamics(file, arm.regressor(), arm.base());
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_THAT(read->by_position, testing::ElementsAre(false, true));
+  EXPECT_EQ(read->parameters.friction[1].size(), elbow.size());
+  EXPECT_NEAR(read->parameters.friction[1].back(), elbow.back().value, 1e-6);
 }
 
 TEST(Choice, RemarksASettingThatContainsAnotherAndPredictsWorse) {

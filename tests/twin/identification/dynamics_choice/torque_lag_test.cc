@@ -9,6 +9,7 @@
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/tests/twin/identification/multisine.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
+#include <tribotwin/twin/numerics/filter.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -20,6 +21,9 @@ struct Recorded {
   double noise_memory = 0;  ///< correlation of the torques' noise from one sample to the next
   double ripple = 0;        ///< of the torque, which nothing models
   double offset_only = 0;   ///< 1: the elbow's torque is noise about an offset
+  double encoder_rad = 0;   ///< step of the encoders; 0: noise of 1e-5 rad
+  double shake_rad = 0;     ///< at 9 Hz beside the swing
+  double early_s = 0;       ///< of the shoulder's torque above 3 Hz
 };
 
 class Arm {
@@ -36,16 +40,19 @@ class Arm {
     double noise[2] = {0, 0};
     for (Index i = 0; i < samples; ++i) {
       const double t = static_cast<double>(i) / rate_hz;
+      const auto s = moved(swing, d, t);
       r.time_s.push_back(t);
       for (Index j = 0; j < 2; ++j) {
         const double memory = d.noise_memory;
         noise[j] = memory * noise[j] + 0.3 * std::sqrt(1 - memory * memory) * normal(random);
-        r.position(j, i) = swing.at(t).q(j) + 1e-5 * normal(random);
-        const double torque = torque_of(swing.at(t - d.lag_s[j]), j);
-        r.torque(j, i) = torque * (1 + d.ripple * std::sin(37 * swing.at(t).q(j))) + noise[j];
+        r.position(j, i) = s.q(j) + 1e-5 * normal(random);
+        if (d.encoder_rad > 0) r.position(j, i) = d.encoder_rad * std::round(s.q(j) / d.encoder_rad);
+        const double torque = torque_of(moved(swing, d, t - d.lag_s[j]), j);
+        r.torque(j, i) = torque * (1 + d.ripple * std::sin(37 * s.q(j))) + noise[j];
         if (j == 1 && d.offset_only > 0) r.torque(j, i) = 5 + noise[j];
       }
     }
+    if (d.early_s > 0) advance_fast(r, static_cast<Index>(d.early_s * rate_hz), rate_hz);
     return r;
   }
 
@@ -56,6 +63,24 @@ class Arm {
   }
 
  private:
+  static Multisine::State moved(const Multisine& swing, const Recorded& d, double time_s) {
+    Multisine::State s = swing.at(time_s);
+    const double w = 2 * M_PI * 9, x = w * time_s;
+    s.q.array() += d.shake_rad * std::sin(x), s.qd.array() += d.shake_rad * w * std::cos(x);
+    s.qdd.array() -= d.shake_rad * w * w * std::sin(x);
+    return s;
+  }
+
+  static void advance_fast(RobotRecording& r, Index samples, double rate_hz) {
+    const VectorXd torque = r.torque.row(0);
+    const std::vector<double> slow =
+        low_passed(std::span(torque.data(), static_cast<std::size_t>(torque.size())), rate_hz, 3);
+    for (Index i = 0; i + samples < torque.size(); ++i) {
+      const auto at = static_cast<std::size_t>(i), then = static_cast<std::size_t>(i + samples);
+      r.torque(0, i) = slow[at] + torque(i + samples) - slow[then];
+    }
+  }
+
   double torque_of(const Multisine::State& s, Index j) {
     return (regressor_.at(s.q, s.qd, s.qdd) * phi_)(j) + std::copysign(4, s.qd(j)) + 2 * s.qd(j);
   }
@@ -90,11 +115,37 @@ TEST(TorqueLag, IsFoundPerJointWithinItsSigmas) {
         const double truth = recorded.lag_s[j];
         EXPECT_NEAR(e.value, truth, 4 * e.sigma) << e.name << ", seed " << seed;
         covered += e.low < truth && truth < e.high, ++all;
-        if (recorded.noise_memory == 0) EXPECT_LT(e.sigma, 0.003) << e.name << ", seed " << seed;
+        if (recorded.noise_memory == 0) EXPECT_LT(e.sigma, 0.004) << e.name << ", seed " << seed;
       }
     }
   EXPECT_GE(all, 74);  // the others are hidden by correlated noise
   EXPECT_GE(covered, 0.88 * all);
+}
+
+/// Noise of the slopes makes each step of Gauss-Newton a tenth of what is missing.
+TEST(TorqueLag, IsFoundThroughACoarseEncoder) {
+  Arm arm;
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    const auto found =
+        arm.found({arm.recording({.lag_s = {0.02, 0.02}, .encoder_rad = 2 * M_PI / 8192}, seed)}, {.cutoff_hz = 8});
+    ASSERT_TRUE(found) << found.error().message;
+    EXPECT_EQ(found->lag[0].status, Status::estimated) << testing::PrintToString(found->notes);
+    EXPECT_LT(found->lag[0].sigma, 0.005) << "seed " << seed;
+    for (const Estimate& e : found->lag) {
+      if (e.status == Status::held) continue;
+      EXPECT_NEAR(e.value, 0.02, 3 * e.sigma) << e.name << ", seed " << seed;
+    }
+  }
+}
+
+TEST(TorqueLag, ThatOnlyFastMotionShowsIsNone) {
+  Arm arm;
+  const Recorded recorded{.lag_s = {0, 0.003}, .shake_rad = 0.0003, .early_s = 0.016};
+  const auto found = arm.found({arm.recording(recorded, 3)}, {.cutoff_hz = 10});
+  ASSERT_TRUE(found) << found.error().message;
+  EXPECT_EQ(found->lag[0].status, Status::held) << found->lag[0].value << " +- " << found->lag[0].sigma;
+  EXPECT_THAT(found->notes, testing::Contains(testing::HasSubstr("a delay is the same at all frequencies")));
+  EXPECT_EQ(found->lag[1].status, Status::estimated);
 }
 
 /// As if the torques had been on time.
