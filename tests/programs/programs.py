@@ -106,10 +106,7 @@ commands = [
             "lab", ("tribotwin", "lab", "{in}/campaign.yaml", "-o", "out", "--threads", "1"), ("out/",), resumable=True
         ),
         Command(
-            "sweep",
-            ("tribotwin", "sweep", "{in}/plan.yaml", "-o", "out", "--threads", "1"),
-            ("out/",),
-            resumable=True,
+            "sweep", ("tribotwin", "sweep", "{in}/plan.yaml", "-o", "out", "--threads", "1"), ("out/",), resumable=True
         ),
         Command(
             "calibrate",

@@ -80,6 +80,8 @@ Result<Exit> repeat(const Arguments& a, const sweep::Plan& plan) {
   const auto number = static_cast<std::size_t>(*a.run);
   if (number >= plan.runs)
     throw InputError(fmt::format("--run {}: the plan has the runs 0 .. {}", *a.run, plan.runs - 1));
+  if (std::error_code error; std::filesystem::exists(std::filesystem::path(a.directory) / "campaign.yaml", error))
+    throw InputError(fmt::format("-o {}: holds a sweep; choose another folder for the run", a.directory));
   const auto scenario = or_throw(load_scenario(plan.scenario, plan.settings(number)));
   const auto summary = [&] {
     Progress progress(a.quiet);
