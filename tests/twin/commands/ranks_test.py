@@ -37,7 +37,7 @@ def files(folder, but=()):
         if name.endswith(".h5"):
             with h5py.File(name) as f:
                 columns = {}
-                f.visititems(lambda k, x: columns.update({k: x[()].tobytes()}) if isinstance(x, h5py.Dataset) else None)
+                f.visititems(lambda k, x: columns.update({k: repr(x[()].tolist())}) if isinstance(x, h5py.Dataset) else None)
                 found[key] = columns
         else:
             text = open(name).read()
