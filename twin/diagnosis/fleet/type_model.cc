@@ -85,6 +85,17 @@ double TypeModel::scatter(const Row& row, std::size_t which) const {
   return typical > 0 && row.scatter[which] > 0 ? row.scatter[which] / typical : 1;
 }
 
+Spread spread_of(const TypeModel& type) {
+  const RegionModel& m = type.region[0];
+  const Index q = m.regressors();
+  const VectorXd back = inverse(m.decouple).row(0);  // ln Fc of z
+  VectorXd level = VectorXd::Zero(m.mean.size());
+  for (Index k = 0; k < m.features(); ++k) level(k * q) = back(k);
+  return {.between = std::sqrt(level.dot(m.between * level)),
+          .days = std::sqrt(back.cwiseAbs2().dot(m.lambda)),
+          .measurement = back.norm()};
+}
+
 MatrixXd whiten(const RegionModel& m, Index component, std::span<const double> days, std::span<const double> scatter,
                 const MatrixXd& columns, double* log_variance) {
   MatrixXd out(columns.rows(), columns.cols());

@@ -68,6 +68,12 @@ struct TypeModel {
   double scatter(const Row& row, std::size_t region) const;
 };
 
+/// Standard deviations of ln Fc at the middle temperature, for people.
+struct Spread {
+  double between = 0, days = 0, measurement = 0;
+};
+Spread spread_of(const TypeModel& type);
+
 /// Calls its argument with the rows of every robot, in the same order whenever it is called.
 using EachRobot = std::function<void(const std::function<void(const Rows&)>&)>;
 
