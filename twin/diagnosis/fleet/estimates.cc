@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <optional>
 
 #include <tribotwin/twin/diagnosis/fleet/estimates.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
@@ -10,13 +9,14 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-constexpr std::array persistences{0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98};   ///< of deviations, per day
-constexpr std::array<std::size_t, 10> lags{1, 2, 3, 4, 6, 8, 12, 16, 24, 32};  ///< of pairs, in observations
+constexpr std::array persistences{0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98};  ///< of deviations, per day
+constexpr std::array<std::size_t, 10> lags{1, 2, 3, 4, 6, 8, 12, 16, 24, 32};            ///< of pairs, in observations
 constexpr double collinear = 0.998;   ///< two causes of scatter that agree so well over all pairs cannot be separated
 constexpr double floor_share = 1e-3;  ///< minimum of the measurement's share in the scatter
 constexpr std::size_t between_robots = 2000;  ///< at most so many take part in the slow estimates
 constexpr int between_rounds = 200;
-constexpr std::size_t likelihood_rows = 3000;  ///< at most so many take part in the likelihood of the scatter
+constexpr std::size_t window_days = 10;        ///< for which the uncertainty of phi is computed
+constexpr std::size_t likelihood_rows = 6000;  ///< at most so many take part in the likelihood of the scatter
 
 /// T and T^2 in temperature_unit_K.
 Eigen::Vector2d powers(const Row& row) {
@@ -194,6 +194,31 @@ double most_likely_scatter(TypeModel& type, std::size_t region, const std::vecto
   return total;
 }
 
+/// Covariance of the mean of `window_days` daily observations, of y.
+MatrixXd window_covariance(const RegionModel& m) {
+  std::vector<double> days, scatter(window_days, 1.0);
+  for (std::size_t i = 0; i < window_days; ++i) days.push_back(static_cast<double>(i));
+  const MatrixXd ones = MatrixXd::Ones(static_cast<Index>(window_days), 1);
+  VectorXd variance(m.features());
+  for (Index k = 0; k < m.features(); ++k) variance(k) = 1 / whiten(m, k, days, scatter, ones).squaredNorm();
+  const MatrixXd back = inverse(m.decouple);
+  return back * variance.asDiagonal() * back.transpose();
+}
+
+/// Variance of the logarithm of a window's variance, as phi is known by its likelihood only.
+double variance_by_persistence(const std::vector<RegionModel>& models, const std::vector<double>& likelihoods,
+                               const RegionModel& best) {
+  const MatrixXd weight = symmetric_inverse(window_covariance(best));
+  const double highest = std::ranges::max(likelihoods), p = static_cast<double>(best.features());
+  double sum = 0, squares = 0;
+  for (std::size_t k = 0; k < models.size(); ++k) {
+    const double probability = std::exp(likelihoods[k] - highest);
+    const double log_ratio = std::log((weight * window_covariance(models[k])).trace() / p);
+    sum += probability, squares += probability * log_ratio * log_ratio;  // about the best one, which is used
+  }
+  return squares / sum;
+}
+
 double digamma(double x) {
   double sum = 0;
   for (; x < 8; ++x) sum -= 1 / x;
@@ -268,14 +293,16 @@ void learn_noise(const EachRobot& each, const WithinRobots& within, std::size_t 
     variogram.add(rows);
     if (rows_in_sample < likelihood_rows && rows.size() > 2) sample.push_back(rows), rows_in_sample += rows.size();
   });
-  std::optional<RegionModel> best;
-  double highest = 0;
+  std::vector<RegionModel> models;
+  std::vector<double> likelihoods;
   for (std::size_t k = 0; k < persistences.size(); ++k) {
     variogram.finish(k, model);
-    const double likelihood = most_likely_scatter(type, region, sample);
-    if (!best || likelihood > highest) best = model, highest = likelihood;
+    likelihoods.push_back(most_likely_scatter(type, region, sample));
+    models.push_back(model);
   }
-  model = *std::move(best);
+  const auto best = std::ranges::max_element(likelihoods) - likelihoods.begin();
+  model = models[static_cast<std::size_t>(best)];
+  model.persistence_variance = variance_by_persistence(models, likelihoods, model);
 }
 
 RobotSums robot_sums(const TypeModel& type, std::size_t region, const Rows& rows) {
@@ -288,7 +315,9 @@ RobotSums robot_sums(const TypeModel& type, std::size_t region, const Rows& rows
     columns.row(i) << type.regressors(row).transpose(), type.decoupled(row, region).transpose();
     days.push_back(row.day), scatter.push_back(type.scatter(row, region));
   }
-  RobotSums out{.information = MatrixXd::Zero(p * q, p * q), .moment = VectorXd::Zero(p * q)};
+  RobotSums out{
+      .information = MatrixXd::Zero(p * q, p * q), .moment = VectorXd::Zero(p * q), .products = MatrixXd::Zero(p, p)};
+  MatrixXd residuals(n, p);
   for (Index k = 0; k < p; ++k) {
     MatrixXd some(n, q + 1);
     some << columns.leftCols(q), columns.col(q + k);
@@ -298,10 +327,22 @@ RobotSums robot_sums(const TypeModel& type, std::size_t region, const Rows& rows
     out.moment.segment(k * q, q) = gram.col(q).head(q);
     if (n <= q) continue;
     const VectorXd own = least_squares_solution(some.leftCols(q), some.col(q));
-    out.squares += (some.col(q) - some.leftCols(q) * own).squaredNorm();
+    residuals.col(k) = some.col(q) - some.leftCols(q) * own;
     out.freedom += static_cast<double>(n - q);
   }
+  if (n > q) out.products = residuals.transpose() * residuals;
+  out.squares = out.products.trace();
   return out;
+}
+
+void decouple_residuals(const std::vector<RobotSums>& robots, RegionModel& out) {
+  const Index p = out.features();
+  MatrixXd products = MatrixXd::Zero(p, p);
+  double freedom = 0;
+  for (const auto& r : robots) products += r.products, freedom += r.freedom / static_cast<double>(p);
+  const SymmetricEigen axes = symmetric_eigen(products / freedom);
+  out.decouple = axes.vectors * axes.values.cwiseMax(floor_share).cwiseSqrt().cwiseInverse().asDiagonal() *
+                 axes.vectors.transpose() * out.decouple;
 }
 
 void learn_between(const std::vector<RobotSums>& all, RegionModel& out) {

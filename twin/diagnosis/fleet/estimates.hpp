@@ -23,12 +23,17 @@ void learn_noise(const EachRobot& each, const WithinRobots& within, std::size_t 
 struct RobotSums {
   Eigen::MatrixXd information;      ///< p q x p q, block diagonal
   Eigen::VectorXd moment;           ///< p q
-  double squares = 0, freedom = 0;  ///< of the residuals of the robot's own regression
+  Eigen::MatrixXd products;         ///< p x p, of the residuals of the robot's own regression: their sum of products
+  double squares = 0, freedom = 0;  ///< trace of `products`, and its degrees of freedom, of all p together
 };
 RobotSums robot_sums(const TypeModel& type, std::size_t region, const Rows& rows);
 
 /// mean, between and mean_error by restricted maximum likelihood.
 void learn_between(const std::vector<RobotSums>& robots, RegionModel& out);
+
+/// Turns z so that residuals of different components are uncorrelated over all robots; what the directions of S_n and
+/// S_d lack, where the two are hard to separate.
+void decouple_residuals(const std::vector<RobotSums>& robots, RegionModel& out);
 
 /// scale and scale_freedom: the moments of ln s^2 (Smyth 2004, section 6.2).
 void learn_scale(const std::vector<RobotSums>& robots, RegionModel& out);

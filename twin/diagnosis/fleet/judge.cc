@@ -24,7 +24,7 @@ JointFilter filter_of(const TypeModel& type, std::size_t region, const Rows& hea
   return filter;
 }
 
-/// Roughly, what the variance of a window's mean consists of, averaged over the p numbers.
+/// Roughly, what the variance of a window's mean consists of.
 Shares shares_of(const TypeModel& type, std::size_t region, const JointBaseline& shift, const Rows& recent) {
   const RegionModel& m = type.region[region];
   const MatrixXd ones = MatrixXd::Ones(static_cast<Index>(recent.size()), 1);
@@ -34,12 +34,12 @@ Shares shares_of(const TypeModel& type, std::size_t region, const JointBaseline&
     days.push_back(row.day), scatter.push_back(type.scatter(row, region));
     information += 1 / scatter.back();
   }
-  Shares out;
+  Shares out{.day = VectorXd(m.features())};
   const auto p = static_cast<double>(m.features());
   for (Index k = 0; k < m.features(); ++k) {
     const double total = shift.covariance(k, k), noise = shift.scale / information,
                  with_day = shift.scale / whiten(m, k, days, scatter, ones).squaredNorm();
-    out.day += std::clamp((with_day - noise) / total, 0.0, 1.0) / p;
+    out.day(k) = std::clamp((with_day - noise) / total, 0.0, 1.0);
     out.between += std::clamp((total - with_day) / total, 0.0, 1.0) / p;
   }
   return out;

@@ -150,7 +150,7 @@ std::optional<Observation> confident(const LevelCurve& c, const LevelFit& fit) {
   Information slope = Information::Zero();  // of ln Fc, ln Fs, ln Vs, ln Fv, beta
   slope(0, 0) = 1 / p(0), slope(1, 0) = slope(1, 1) = 1 / Fs;
   slope(2, 2) = slope(3, 3) = slope(4, 4) = 1;
-  Observation o{.residual_nm = std::sqrt(variance)};
+  Observation o{.residual_nm = std::sqrt(fit.cost() / n)};
   o.features << p(0), Fs, Vs, std::exp(p(3)), p(4);
   o.shape = slope * covariance * slope.transpose();
   for (Index i = 0; i < feature_count; ++i)

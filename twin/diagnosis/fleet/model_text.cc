@@ -45,6 +45,7 @@ Json json_of(const RegionModel& m) {
           {"noise_freedom", m.noise_freedom},
           {"lambda_variance", vector(m.lambda_variance)},
           {"scale_by_lambda", vector(m.scale_by_lambda)},
+          {"persistence_variance", m.persistence_variance},
           {"typical_scatter", m.typical_scatter},
           {"scale", m.scale},
           {"scale_freedom", m.scale_freedom}};
@@ -62,6 +63,7 @@ RegionModel region_of(const Json& j) {
           .noise_freedom = j.at("noise_freedom"),
           .lambda_variance = to_vector(j.at("lambda_variance")),
           .scale_by_lambda = to_vector(j.at("scale_by_lambda")),
+          .persistence_variance = j.at("persistence_variance"),
           .typical_scatter = j.at("typical_scatter"),
           .scale = j.at("scale"),
           .scale_freedom = j.at("scale_freedom")};

@@ -1,4 +1,6 @@
+#include <cerrno>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <map>
 #include <optional>
@@ -36,12 +38,22 @@ CREATE TABLE verdicts(kind TEXT NOT NULL, time_s INTEGER NOT NULL, joint INTEGER
 CREATE TABLE notes(id INTEGER PRIMARY KEY, joint INTEGER REFERENCES joints, time_s INTEGER, text TEXT NOT NULL);
 )";
 
+/// "FILE: why": with the system's reason where there is one, as for other files.
+std::string why(sqlite3* db) {
+  const int system = sqlite3_system_errno(db), code = sqlite3_errcode(db) & 0xff;
+  const std::string name = std::filesystem::path(sqlite3_db_filename(db, "main")).filename().string();
+  if (code == SQLITE_FULL || (code == SQLITE_IOERR && system != 0))
+    return fmt::format("{} or its journal {}-journal: {}", name, name,
+                       std::strerror(code == SQLITE_FULL ? ENOSPC : system));
+  return fmt::format("{}: {}", name, sqlite3_errmsg(db));
+}
+
 /// A prepared statement; parameters are bound in the order of their question marks.
 class Statement {
  public:
   Statement(sqlite3* db, const char* sql) : db_(db) {
     if (sqlite3_prepare_v3(db, sql, -1, SQLITE_PREPARE_PERSISTENT, &statement_, nullptr) != SQLITE_OK)
-      throw std::runtime_error(fmt::format("{}: {}", sqlite3_db_filename(db, "main"), sqlite3_errmsg(db)));
+      throw std::runtime_error(why(db));
   }
   Statement(const Statement&) = delete;
   ~Statement() { sqlite3_finalize(statement_); }
@@ -57,8 +69,7 @@ class Statement {
   bool row() {
     const int code = sqlite3_step(statement_);
     if (code != SQLITE_ROW) sqlite3_reset(statement_);
-    if (code != SQLITE_ROW && code != SQLITE_DONE)
-      throw std::runtime_error(fmt::format("{}: {}", sqlite3_db_filename(db_, "main"), sqlite3_errmsg(db_)));
+    if (code != SQLITE_ROW && code != SQLITE_DONE) throw std::runtime_error(why(db_));
     return code == SQLITE_ROW;
   }
   /// Runs a statement without a result.
@@ -156,8 +167,7 @@ class Store::Made {
     return place;
   }
   void execute(const char* sql) {
-    if (sqlite3_exec(db_.get(), sql, nullptr, nullptr, nullptr) != SQLITE_OK)
-      throw std::runtime_error(fmt::format("{}: {}", file_.string(), sqlite3_errmsg(db_.get())));
+    if (sqlite3_exec(db_.get(), sql, nullptr, nullptr, nullptr) != SQLITE_OK) throw std::runtime_error(why(db_.get()));
   }
   void commit() {
     execute("COMMIT");
@@ -173,7 +183,7 @@ class Store::Made {
     if (code == SQLITE_NOTADB) throw no_store();
     if (code == SQLITE_READONLY || code == SQLITE_CANTOPEN || code == SQLITE_PERM)
       throw InputError(fmt::format("{}: {}", file_.string(), sqlite3_errmsg(db_.get())));
-    if (code != SQLITE_OK) throw std::runtime_error(fmt::format("{}: {}", file_.string(), sqlite3_errmsg(db_.get())));
+    if (code != SQLITE_OK) throw std::runtime_error(why(db_.get()));
     auto& of = statement("PRAGMA application_id")();
     const bool ours = of.row() && of.integer(0) == application;
     of.run();

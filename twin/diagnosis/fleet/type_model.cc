@@ -50,9 +50,15 @@ void learn_region(const EachRobot& each, const WithinRobots& within, std::size_t
   m.curvature = within.slopes.row(1).segment(regions[which].first, regions[which].count).transpose();
   learn_noise(each, within, which, t);
   std::vector<RobotSums> sums;
-  each([&](const Rows& rows) {
-    if (!rows.empty()) sums.push_back(robot_sums(t, which, rows));
-  });
+  const auto sum_up = [&] {
+    sums.clear();
+    each([&](const Rows& rows) {
+      if (!rows.empty()) sums.push_back(robot_sums(t, which, rows));
+    });
+  };
+  sum_up();
+  decouple_residuals(sums, m);
+  sum_up();
   learn_scale(sums, m);
   // With S_n and S_d times s the typical robot has a scale of 1.
   m.decouple /= std::sqrt(m.scale);
@@ -162,22 +168,22 @@ double exceeded_by_chance(const RegionModel& m, double statistic, const Shares& 
   // Satterthwaite's degrees of freedom of a sum of estimated covariances, and Hotelling's correction for them: a
   // relative variance of 2 / f has f degrees of freedom.
   const double by_lambda =
-      (share.day + within * m.scale_by_lambda.array()).square().cwiseProduct(m.lambda_variance.array()).mean();
+      (share.day.array() + within * m.scale_by_lambda.array()).square().cwiseProduct(m.lambda_variance.array()).mean();
+  // Twice the variance of the variances: the directions of S_n and S_d are estimates as well.
   const double of_covariance =
-      1 / (by_lambda / 2 + within * within / m.noise_freedom + share.between * share.between / m.between_freedom);
-  const double below = of_covariance - p + 1;
+      1 / (by_lambda + within * within / m.noise_freedom + share.between * share.between / m.between_freedom);
+  const double below = of_covariance - p + 1, by_persistence = within * within * m.persistence_variance / 2;
   if (below < 2) return 1;
-  return fisher_f_above(p, 1 / (1 / of_scale + 1 / below), statistic * below / of_covariance / p);
+  return fisher_f_above(p, 1 / (1 / of_scale + 1 / below + by_persistence), statistic * below / of_covariance / p);
 }
 
-JointFilter::JointFilter(const TypeModel& type, std::size_t region, const JointBaseline& scale)
-    : type_(type), model_(type.region[region]), region_(region), scale_(scale), b_(scale.mean.size()) {
+JointFilter::JointFilter(const TypeModel& t, std::size_t r, const JointBaseline& s) : type_(t), region_(r), scale_(s) {
   const Index p = model_.features(), n = p + b_;
   state_ = VectorXd::Zero(n);
-  state_.tail(b_) = scale.mean;
+  state_.tail(b_) = scale_.mean;
   covariance_ = MatrixXd::Zero(n, n);
-  covariance_.diagonal().head(p) = scale.scale * model_.lambda;
-  covariance_.bottomRightCorner(b_, b_) = scale.covariance;
+  covariance_.diagonal().head(p) = scale_.scale * model_.lambda;
+  covariance_.bottomRightCorner(b_, b_) = scale_.covariance;
 }
 
 void JointFilter::begin_shift() {
@@ -223,12 +229,11 @@ JointFilter::Innovation JointFilter::take(const Row& row, bool learn) {
   MatrixXd F = H * PH;
   F.diagonal().array() += v * scale_.scale;
   const MatrixXd inverse_F = symmetric_inverse(F);
-  const double all = static_cast<double>(p), noise = inverse_F.trace() * v * scale_.scale / all;
-  const double day = std::max(0.0, (inverse_F * covariance_.topLeftCorner(p, p)).trace() / all);
+  const Eigen::ArrayXd total = F.diagonal().array(), day = covariance_.diagonal().head(p).array() / total;
   Innovation out{.statistic = e.dot(inverse_F * e)};
-  const double between = std::clamp(1 - noise - day, 0.0, 1.0);
-  out.by_chance = exceeded_by_chance(model_, out.statistic, {.day = std::min(day, 1 - between), .between = between},
-                                     scale_.freedom);
+  const double between = (1 - day - v * scale_.scale / total).mean();
+  out.by_chance = exceeded_by_chance(model_, out.statistic,
+                                     {.day = day.matrix(), .between = std::clamp(between, 0.0, 1.0)}, scale_.freedom);
   if (!learn) return out;
   const MatrixXd gain = PH * inverse_F;
   state_ += gain * e;

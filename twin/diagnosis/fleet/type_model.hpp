@@ -38,6 +38,7 @@ struct RegionModel {
   /// Of the estimates: variance of ln lambda, and d ln s / d ln lambda of the scale s that belongs to lambda. Where
   /// measurement and day cannot be separated, their sum is known all the same.
   Eigen::VectorXd lambda_variance, scale_by_lambda;
+  double persistence_variance = 0;        ///< of the logarithm of a window's variance, as phi is uncertain
   double typical_scatter = 0;             ///< v = scatter / this; 0: v = 1
   double scale = 1, scale_freedom = 1e6;  ///< s, k
 
@@ -77,7 +78,7 @@ Spread spread_of(const TypeModel& type);
 /// Calls its argument with the rows of every robot, in the same order whenever it is called.
 using EachRobot = std::function<void(const std::function<void(const Rows&)>&)>;
 
-/// Fails with what is missing. Reads the rows three times and keeps a few hundred bytes per robot.
+/// Fails with what is missing. Reads the rows several times and keeps a few hundred bytes per robot.
 Result<TypeModel> learn_type(const EachRobot& each);
 
 /// s_r from the robot's own healthy rows.
@@ -105,11 +106,11 @@ class JointFilter {
   void advance(double day);
   Eigen::MatrixXd seen(const Row& row) const;
   const TypeModel& type_;
-  const RegionModel& model_;
-  std::size_t region_;
+  const std::size_t region_;
+  const RegionModel& model_ = type_.region[region_];
   JointBaseline scale_;
-  Eigen::Index b_;         // numbers of the regression
-  Eigen::VectorXd state_;  // deviations of the day, the regression, the shift
+  const Eigen::Index b_ = scale_.mean.size();  // numbers of the regression
+  Eigen::VectorXd state_;                      // deviations of the day, the regression, the shift
   Eigen::MatrixXd covariance_;
   double day_ = 0;
   bool begun_ = false;
@@ -117,7 +118,8 @@ class JointFilter {
 
 /// What a variance consists of; the rest is measurement.
 struct Shares {
-  double day = 0, between = 0;
+  Eigen::VectorXd day;  ///< of every component of z
+  double between = 0;   ///< on average
 };
 /// Probability that T^2 of p numbers is exceeded on a healthy joint: all variances are estimates, the scale of the
 /// joint with `scale_freedom` degrees of freedom.
