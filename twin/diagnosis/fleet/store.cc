@@ -42,10 +42,17 @@ CREATE TABLE notes(id INTEGER PRIMARY KEY, joint INTEGER REFERENCES joints, time
 std::string why(sqlite3* db) {
   const int system = sqlite3_system_errno(db), code = sqlite3_errcode(db) & 0xff;
   const std::string name = std::filesystem::path(sqlite3_db_filename(db, "main")).filename().string();
-  if (code == SQLITE_FULL || (code == SQLITE_IOERR && system != 0))
+  if (code == SQLITE_FULL || ((code == SQLITE_IOERR || code == SQLITE_CANTOPEN) && system != 0))
     return fmt::format("{} or its journal {}-journal: {}", name, name,
                        std::strerror(code == SQLITE_FULL ? ENOSPC : system));
   return fmt::format("{}: {}", name, sqlite3_errmsg(db));
+}
+
+/// Whether the name or its permissions are wrong, and not the machine.
+bool wrong_name(int code, int system) {
+  return code == SQLITE_READONLY || code == SQLITE_PERM ||
+         (code == SQLITE_CANTOPEN &&
+          (system == EACCES || system == EROFS || system == EPERM || system == ENOENT || system == EISDIR));
 }
 
 /// A prepared statement; parameters are bound in the order of their question marks.
@@ -112,7 +119,16 @@ std::unique_ptr<sqlite3, Close> opened(const std::filesystem::path& file) {
   sqlite3* raw = nullptr;
   const int code = sqlite3_open_v2(file.c_str(), &raw, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, nullptr);
   std::unique_ptr<sqlite3, Close> db(raw);
-  if (code != SQLITE_OK) throw InputError(fmt::format("{}: {}", file.string(), sqlite3_errmsg(raw)));
+  if (code != SQLITE_OK) {
+    const int system = raw ? sqlite3_system_errno(raw) : ENOMEM;
+    const std::string message =
+        fmt::format("{}: {}", file.string(), system ? std::strerror(system) : sqlite3_errstr(code));
+    const auto folder = std::filesystem::absolute(file).parent_path();
+    // As below: in a folder that exists a new file is not missing.
+    if (wrong_name(code, system) && !(system == ENOENT && std::filesystem::is_directory(folder)))
+      throw InputError(message);
+    throw std::runtime_error(message);
+  }
   sqlite3_busy_timeout(raw, 10000);
   return db;
 }
@@ -181,8 +197,9 @@ class Store::Made {
       return InputError(fmt::format("{}: is no store of tribotwin fleet; -o names one, or a new file", file_.string()));
     };
     if (code == SQLITE_NOTADB) throw no_store();
-    if (code == SQLITE_READONLY || code == SQLITE_CANTOPEN || code == SQLITE_PERM)
-      throw InputError(fmt::format("{}: {}", file_.string(), sqlite3_errmsg(db_.get())));
+    // Without its journal a file that could be opened fails by the machine: SQLite keeps no better reason than ENOENT.
+    const int system = sqlite3_system_errno(db_.get());
+    if (system != ENOENT && wrong_name(code, system)) throw InputError(why(db_.get()));
     if (code != SQLITE_OK) throw std::runtime_error(why(db_.get()));
     auto& of = statement("PRAGMA application_id")();
     const bool ours = of.row() && of.integer(0) == application;
@@ -200,7 +217,9 @@ class Store::Made {
     sqlite3_exec(db_.get(), "ROLLBACK", nullptr, nullptr, nullptr);
     db_.reset();
     std::error_code ignored;
-    if (!was_there_) std::filesystem::remove(file_, ignored);
+    if (was_there_) return;
+    std::filesystem::remove(file_, ignored);
+    std::filesystem::remove(file_.string() + "-journal", ignored);
   }
 
   std::int64_t robot_id(const Key& key) {
