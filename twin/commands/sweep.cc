@@ -13,6 +13,8 @@
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
+#include <tribotwin/twin/numerics/executor/mpi.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -160,6 +162,8 @@ Json json_of(const sweep::SweepResult& result) {
 }
 
 Result<Exit> execute(const Arguments& a) {
+  if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
+  if (!ranks().root() && (a.status || a.dry_run || a.run)) return done;
   if (a.directory.empty() && !a.dry_run)
     throw InputError("-o: is missing: the folder for the results (or use --dry-run)");
   if (a.status) return show_status(a);
@@ -181,6 +185,7 @@ Result<Exit> execute(const Arguments& a) {
     return work_failed(
         fmt::format("interrupted; the runs so far are kept in {}, and the same command goes on", a.directory));
   if (!result) return tl::unexpected(result.error());
+  if (!ranks().root()) return done;
   if (a.json)
     print_text(json_of(*result).dump(2) + "\n");
   else if (!a.quiet)
@@ -201,7 +206,8 @@ void add_sweep(CLI::App& app, int& code) {
   command->add_option("PLAN", a->plan, "Plan file, or the name of a shipped one");
   command->add_option("-o,--output", a->directory,
                       "Folder for the results; continues a sweep that was interrupted there");
-  command->add_option("--threads", a->threads, "Runs at once (default: one per core)")->check(CLI::Range(1, 1024));
+  command->add_option("--threads", a->threads, "Runs at once (default: one per core; under mpirun, per rank: 1)")
+      ->check(CLI::Range(1, 1024));
   auto* dry_run = command->add_flag("--dry-run", a->dry_run, "Make one run, say how long all take, write nothing");
   auto* status = command->add_flag("--status", a->status, "Say how far the sweep in the folder of -o is; reads only");
   command->add_option("--run", a->run, "Make run N of the plan alone, with telemetry, as 'tribotwin run' does")

@@ -8,6 +8,7 @@
 #include <tribotwin/twin/experiments/sweep/sweep.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/ranks.hpp>
 
 namespace tribotwin::twin::sweep {
 namespace {
@@ -126,6 +127,7 @@ Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const
   for (const std::size_t end : batches(plan)) {
     lock.reset();
     LabOptions batch = options;
+    batch.stop = stop;
     const double share_of_all = static_cast<double>(end) / static_cast<double>(plan.runs);
     if (options.progress)
       batch.progress = [&](double share, double left) { options.progress(share * share_of_all, left / share_of_all); };
@@ -138,7 +140,8 @@ Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const
     if (!out.stopped.empty()) break;
   }
   out.present = present.value_or(0);
-  if (auto ok = write_results(plan, options, out); !ok) return tl::unexpected(ok.error());
+  if (auto ok = ranks().on_root([&] { return write_results(plan, options, out); }); !ok)
+    return tl::unexpected(ok.error());
   return out;
 }
 
