@@ -13,8 +13,8 @@
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
-#include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
+#include <tribotwin/twin/numerics/executor/ranks.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -80,6 +80,8 @@ Result<Exit> repeat(const Arguments& a, const sweep::Plan& plan) {
   const auto number = static_cast<std::size_t>(*a.run);
   if (number >= plan.runs)
     throw InputError(fmt::format("--run {}: the plan has the runs 0 .. {}", *a.run, plan.runs - 1));
+  if (std::error_code error; std::filesystem::exists(std::filesystem::path(a.directory) / "campaign.yaml", error))
+    throw InputError(fmt::format("-o {}: holds a sweep; choose another folder for the run", a.directory));
   const auto scenario = or_throw(load_scenario(plan.scenario, plan.settings(number)));
   const auto summary = [&] {
     Progress progress(a.quiet);
@@ -163,9 +165,10 @@ Json json_of(const sweep::SweepResult& result) {
 
 Result<Exit> execute(const Arguments& a) {
   if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
-  if (!ranks().root() && (a.status || a.dry_run || a.run)) return done;
   if (a.directory.empty() && !a.dry_run)
     throw InputError("-o: is missing: the folder for the results (or use --dry-run)");
+  const bool divided = !a.status && !a.dry_run && !a.run;
+  if (!divided && !ranks().root()) return done;
   if (a.status) return show_status(a);
   if (a.plan.empty()) throw InputError("sweep needs a plan, for example irb6620_sweep");
   catch_interrupts();
@@ -185,7 +188,6 @@ Result<Exit> execute(const Arguments& a) {
     return work_failed(
         fmt::format("interrupted; the runs so far are kept in {}, and the same command goes on", a.directory));
   if (!result) return tl::unexpected(result.error());
-  if (!ranks().root()) return done;
   if (a.json)
     print_text(json_of(*result).dump(2) + "\n");
   else if (!a.quiet)
@@ -206,8 +208,7 @@ void add_sweep(CLI::App& app, int& code) {
   command->add_option("PLAN", a->plan, "Plan file, or the name of a shipped one");
   command->add_option("-o,--output", a->directory,
                       "Folder for the results; continues a sweep that was interrupted there");
-  command->add_option("--threads", a->threads, "Runs at once (default: one per core; under mpirun, per rank: 1)")
-      ->check(CLI::Range(1, 1024));
+  command->add_option("--threads", a->threads, "Runs at once (default: one per core)")->check(CLI::Range(1, 1024));
   auto* dry_run = command->add_flag("--dry-run", a->dry_run, "Make one run, say how long all take, write nothing");
   auto* status = command->add_flag("--status", a->status, "Say how far the sweep in the folder of -o is; reads only");
   command->add_option("--run", a->run, "Make run N of the plan alone, with telemetry, as 'tribotwin run' does")

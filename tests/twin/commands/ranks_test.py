@@ -37,8 +37,8 @@ def files(folder, but=()):
         if name.endswith(".h5"):
             with h5py.File(name) as f:
                 columns = {}
-                value = lambda x: x[()].tolist() if x.dtype == object else x[()].tobytes()  # texts: not their addresses
-                f.visititems(lambda k, x: columns.update({k: value(x)}) if isinstance(x, h5py.Dataset) else None)
+                text = lambda x: repr(x[()].tolist()) if isinstance(x, h5py.Dataset) else ""
+                f.visititems(lambda name, x: columns.update({name: text(x)}))
                 found[key] = columns
         else:
             text = open(name).read()
@@ -64,13 +64,12 @@ write(
     "model: pendulum.xml\nduration_s: 5\ntelemetry_rate_hz: 100\nvary: [{temperature_degC: [20, 30, 40, 50, 60]}]\n"
     + motion,
 )
+write("one.yaml", "model: pendulum.xml\nduration_s: 2\ntelemetry_rate_hz: 100\n" + motion)
 write(
-    "plan.yaml",
-    "scenario: swept.yaml\nfactors:\n  temperature_degC: {uniform: [20, 40]}\n"
-    "  motion.speed_rad_s: {uniform: [0.5, 1]}\n"
-    "outputs: [heat_J, joints.hinge.temperature_degC.end]\ndesign: {type: sobol, runs: 16, seed: 3}\n",
+    "sweep.yaml",
+    "scenario: one.yaml\nfactors: {temperature_degC: {uniform: [20, 60]}}\noutputs: [heat_J]\n"
+    "design: {type: sobol, runs: 8, seed: 1}\n",
 )
-write("swept.yaml", "model: pendulum.xml\nduration_s: 2\ntelemetry_rate_hz: 100\n" + motion)
 t = np.arange(0, 2, 0.01)
 for kp in (200, 300, 400):
     entries = [
@@ -98,7 +97,7 @@ for name, arguments in {
     "lab": ("lab", "lab.yaml"),
     "run": ("run", "vary.yaml"),
     "calibrate": ("calibrate", "fit.yaml"),
-    "sweep": ("sweep", "plan.yaml"),
+    "sweep": ("sweep", "sweep.yaml"),
 }.items():
     alone = harness.run(program, *arguments, "-o", name + "1", "--threads", "1")
     truth = files(name + "1")

@@ -132,6 +132,11 @@ Result<void> require_torque(const fs::path& file, const drive::Drive& drive, con
       file.string(), of_file, joint, drive.torque_max_nm, drive.torque_max_nm, joint)));
 }
 
+/// Of the torque by position, which drives do not have.
+bool by_position(const Estimate& e) {
+  return e.name == identification::cosine_name || e.name == identification::sine_name;
+}
+
 /// The friction of a joint in a file of dynamics.
 Result<Identified> of_dynamics(const fs::path& file, const identification::FrictionEstimates& joint) {
   if (!friction::find_law(joint.law)) {
@@ -144,7 +149,12 @@ Result<Identified> of_dynamics(const fs::path& file, const identification::Frict
   }
   Identified found;
   std::vector<std::pair<std::string, double>> values;
-  for (const Estimate& e : joint.estimates) {
+  std::vector<Index> kept;
+  for (std::size_t p = 0; p < joint.estimates.size(); ++p) {
+    const Estimate& e = joint.estimates[p];
+    if (by_position(e)) continue;
+    kept.push_back(static_cast<Index>(p));
+    found.estimates.push_back(e);
     if (e.name == identification::offset_name)
       found.offset_nm = e.value;
     else if (e.name == identification::asymmetry_name)
@@ -157,8 +167,7 @@ Result<Identified> of_dynamics(const fs::path& file, const identification::Frict
     return tl::unexpected(
         Error(fmt::format("{}: friction of {}: {}", file.string(), joint.joint, law.error().message)));
   found.law = *law;
-  found.estimates = joint.estimates;
-  found.covariance = joint.covariance;
+  found.covariance = joint.covariance(kept, kept);
   return found;
 }
 
@@ -212,6 +221,11 @@ Result<std::vector<ParameterSet>> robot_parameters(const fs::path& file, const m
       return tl::unexpected(ok.error());
     auto set = set_of(file, drive, joint.joint, *found);
     if (!set) return tl::unexpected(set.error());
+    if (std::ranges::any_of(joint.estimates, by_position))
+      set->notes.push_back(
+          fmt::format("{}: the torque of {} by position is no drive's; the simulated robot does not "
+                      "have it",
+                      file.string(), joint.joint));
     if (!joint.correlated)
       set->notes.push_back(
           fmt::format("{}: says nothing of correlations between the parameters of {}; they are drawn "

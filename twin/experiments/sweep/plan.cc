@@ -19,6 +19,9 @@ constexpr double most_runs = 1e7, most_values = 2e8;  ///< numbers of a design: 
 constexpr std::string_view keys_of_a_plan[] = {"scenario", "set",  "factors",   "parameters", "design",
                                                "outputs",  "stop", "quantiles", "bands",      "description"};
 
+/// As of --set.
+std::string setting_of(const std::string& key, const std::string& value) { return fmt::format("{}={}", key, value); }
+
 /// One section after the other, in the order in which they need each other. Everything throws InputError.
 class Reader {
  public:
@@ -63,7 +66,7 @@ class Reader {
       YAML::Emitter flow;
       flow << YAML::Flow << node;
       take_key(prefix, "set");
-      plan_.common.push_back(prefix + "=" + flow.c_str());
+      plan_.common.push_back(setting_of(prefix, flow.c_str()));
       return;
     }
     for (const auto& entry : node)
@@ -148,7 +151,7 @@ class Reader {
 
   std::vector<std::string> settings_without_parameters() const {
     std::vector<std::string> settings = plan_.common;
-    for (const Factor& f : plan_.factors) settings.push_back(f.key + "=" + f.trial_values().front());
+    for (const Factor& f : plan_.factors) settings.push_back(setting_of(f.key, f.trial_values().front()));
     return settings;
   }
 
@@ -223,7 +226,7 @@ class Reader {
   std::vector<std::string> typical_settings() const {
     std::vector<std::string> settings = settings_without_parameters();
     for (const auto& set : plan_.parameters) {
-      for (const auto& [key, value] : set.fixed) settings.push_back(key + "=" + value);
+      for (const auto& [key, value] : set.fixed) settings.push_back(setting_of(key, value));
       for (std::size_t p = 0; p < set.size(); ++p)
         settings.push_back(fmt::format("{}={}", set.keys[p], set.mean(static_cast<Eigen::Index>(p))));
     }
@@ -240,7 +243,7 @@ class Reader {
       for (const auto& value : f.trial_values()) {
         std::vector<std::string> settings = typical_settings();
         for (auto& setting : settings)
-          if (setting.starts_with(f.key + "=")) setting = f.key + "=" + value;
+          if (setting.starts_with(f.key + "=")) setting = setting_of(f.key, value);
         if (const auto tried = load_scenario(plan_.scenario, settings); !tried)
           in_.mapping("factors")->fail(f.key, fmt::format("{}: {}", value, tried.error().message));
       }
@@ -405,9 +408,9 @@ std::vector<std::string> Plan::values(std::size_t run) const {
 std::vector<std::string> Plan::settings(std::size_t run) const {
   std::vector<std::string> all = common;
   for (const auto& one : parameters)
-    for (const auto& [key, value] : one.fixed) all.push_back(key + "=" + value);
+    for (const auto& [key, value] : one.fixed) all.push_back(setting_of(key, value));
   const auto names = keys(), texts = values(run);
-  for (std::size_t k = 0; k < names.size(); ++k) all.push_back(names[k] + "=" + texts[k]);
+  for (std::size_t k = 0; k < names.size(); ++k) all.push_back(setting_of(names[k], texts[k]));
   return all;
 }
 

@@ -15,7 +15,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+constexpr double missing = std::numeric_limits<double>::quiet_NaN();
 
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
@@ -24,7 +24,7 @@ std::optional<std::vector<double>> numbers_of(const nlohmann::json& list) {
   std::vector<double> all;
   for (const auto& x : list) {
     if (!x.is_number() && !x.is_null()) return {};
-    all.push_back(x.is_null() ? nan : x.get<double>());
+    all.push_back(x.is_null() ? missing : x.get<double>());
   }
   return all;
 }
@@ -40,7 +40,7 @@ std::string cell(std::string text) {
 
 std::string cell(double x) { return std::isfinite(x) ? fmt::format("{}", x) : ""; }
 
-double output_of(const RunResult& run, std::size_t output) { return run.failed() ? nan : run.outputs[output]; }
+double output_of(const RunResult& run, std::size_t output) { return run.failed() ? missing : run.outputs[output]; }
 
 /// Values of a band at one time over the runs that count, ascending.
 std::vector<double> at_time(const Plan& plan, const std::vector<RunResult>& runs, std::size_t band, std::size_t time) {
@@ -104,7 +104,7 @@ Json correlations_json(const Plan& plan, const std::vector<RunResult>& runs, std
 
 /// Per key, the values of all runs; NaN where they are words.
 std::vector<std::vector<double>> inputs_of(const Plan& plan, std::size_t runs) {
-  std::vector<std::vector<double>> all(plan.keys().size(), std::vector<double>(runs, nan));
+  std::vector<std::vector<double>> all(plan.keys().size(), std::vector<double>(runs, missing));
   for (std::size_t r = 0; r < runs; ++r) {
     const auto values = plan.values(r);
     for (std::size_t k = 0; k < values.size(); ++k)
@@ -285,7 +285,7 @@ Result<std::string> results_hdf5(const Plan& plan, const std::vector<RunResult>&
       std::vector<double> values;
       for (std::size_t t = 0; t < plan.band_times_s.size(); ++t) {
         const auto sample = at_time(plan, runs, b, t);
-        values.push_back(sample.empty() ? nan : quantile(sample, p).value);
+        values.push_back(sample.empty() ? missing : quantile(sample, p).value);
       }
       columns.push_back(
           {"bands/" + column_name(plan.bands[b].name) + "/" + quantile_name(p), "quantile over the runs", values});

@@ -28,8 +28,7 @@ struct SweepResult {
 
 /// Makes the runs that the directory lacks and writes results.csv, results.h5, statistics.json and, with bands,
 /// bands.csv. Stop rules are looked at after 32 runs (of a design with indices: whole base points) and each time that a
-/// quarter more is there, so that the results do not depend on the number of threads. Collective; of several MPI ranks
-/// rank 0 has `statistics` and `files`. Errors as of `complete`.
+/// quarter more is there, so that the results do not depend on the number of threads. Errors as of `complete`.
 Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const std::atomic<bool>* stop = nullptr);
 
 /// State of a folder that a sweep works or worked in.

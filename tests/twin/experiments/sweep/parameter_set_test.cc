@@ -6,7 +6,7 @@
 
 #include <tribotwin/twin/experiments/sweep/design.hpp>
 #include <tribotwin/twin/experiments/sweep/parameter_set.hpp>
-#include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
+#include <tribotwin/twin/identification/rigid_body/joint_friction.hpp>
 
 namespace tribotwin::twin::sweep {
 namespace {
@@ -138,6 +138,17 @@ TEST(ParameterSet, OfARobot) {
     EXPECT_NEAR(correlation(0, 1), correlated ? 0.5 : 0, 1e-12);
     EXPECT_EQ(set.notes.size(), correlated ? 1u : 2u) << "independent draws are said";
   }
+}
+
+TEST(ParameterSet, OfARobotWithATorqueByPosition) {
+  const auto model = *mujoco::load_file(TRIBOTWIN_SOURCE_DIR "/mjcf/irb6620.xml");
+  const File file(std::string(robot) + "    " + std::string(identification::cosine_name) +
+                  ": {value: 5, sigma: 1, unit: Nm}\n    " + std::string(identification::sine_name) +
+                  ": {value: 6, sigma: 1, unit: Nm}\n");
+  const auto sets = robot_parameters(file.path, *model);
+  ASSERT_TRUE(sets) << sets.error().message;
+  EXPECT_EQ(sets->front().size(), 3u);
+  EXPECT_THAT(sets->front().notes, testing::Contains(testing::HasSubstr("the torque of joint2 by position")));
 }
 
 TEST(ParameterSet, OfARobotWithoutALawOfDrives) {

@@ -293,6 +293,7 @@ write("plan.yaml", SMALL.replace("[0.03, 0.002]", "[0.03, 0.001]"))
 check_refused("another plan in the folder", run("plan.yaml", "-o", "one"), "one: holds another campaign")
 check_refused("a folder of nothing", run("-o", "seven", "--status"), "holds no sweep")
 check_refused("a run beyond the plan", run("small.yaml", "-o", "x", "--run", "40"), "the plan has the runs 0 .. 39")
+check_refused("a run into the sweep's folder", run("small.yaml", "-o", "one", "--run", "3"), "one: holds a sweep")
 check_refused("no folder", run("small.yaml"), "-o")
 
 # ---- Parameters with their covariance.
