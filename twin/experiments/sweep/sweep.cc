@@ -126,6 +126,7 @@ Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const
   for (const std::size_t end : batches(plan)) {
     lock.reset();
     LabOptions batch = options;
+    batch.stop = stop;  // what it ends is no failure
     const double share_of_all = static_cast<double>(end) / static_cast<double>(plan.runs);
     if (options.progress)
       batch.progress = [&](double share, double left) { options.progress(share * share_of_all, left / share_of_all); };
