@@ -1,6 +1,7 @@
-# Debian packages by `cpack --preset debian` after a build: tribotwin (programs, models, scenarios) and libtribotwin-dev
-# (headers, libraries, CMake files) with Debian's engine; tribotwin-plugin with -DTRIBOTWIN_PLUGIN_ONLY=ON and an engine
-# of 3.2 or newer. Programs that link an engine that Debian lacks make no package.
+# Debian packages by `cpack --preset debian` after a build: tribotwin (programs, models, scenarios), libtribotwin-dev
+# (headers, libraries, CMake files) and, where MPI was found, tribotwin-mpi, with Debian's engine; tribotwin-plugin with
+# -DTRIBOTWIN_PLUGIN_ONLY=ON and an engine of 3.2 or newer. Programs that link an engine that Debian lacks make no
+# package.
 set(TRIBOTWIN_MAINTAINER "tribotwin developers <packages@tribotwin.invalid>" CACHE STRING
   "Maintainer in Debian packages: NAME <ADDRESS> of whoever builds them")
 if(TRIBOTWIN_PLUGIN_ONLY)
@@ -9,6 +10,9 @@ elseif(TRIBOTWIN_MUJOCO_VERSION GREATER_EQUAL 320)
   return()
 else()
   set(CPACK_COMPONENTS_ALL programs dev)
+  if(TARGET tribotwin_mpi)
+    list(APPEND CPACK_COMPONENTS_ALL mpi)
+  endif()
 endif()
 
 set(CPACK_GENERATOR DEB)
@@ -25,7 +29,7 @@ set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME tribotwin)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS "gnuplot-nox | gnuplot-qt | gnuplot-x11, fonts-dejavu-core")
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS "ffmpeg, chromium, libtribotwin-dev")
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS "ffmpeg, chromium, libtribotwin-dev, tribotwin-mpi")
 set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "Simulates robots on MuJoCo whose gears have friction that depends on speed,
 load and temperature and warms them; identifies its parameters from
 measurements; checks joints for faults; puts the drives on a CAN bus
@@ -40,6 +44,13 @@ string(JOIN ", " CPACK_DEBIAN_DEV_PACKAGE_DEPENDS libmujoco-dev libqhull-dev lib
   libzstd-dev libexpected-dev libceres-dev libboost-dev)
 set(CPACK_COMPONENT_DEV_DESCRIPTION "Headers, static libraries and CMake files: friction laws, heat, gears and
 drives, the twin that is stepped in a loop of your own, identification.")
+
+set(CPACK_DEBIAN_MPI_PACKAGE_NAME tribotwin-mpi)
+set(CPACK_DEBIAN_MPI_PACKAGE_SECTION science)
+set(CPACK_DEBIAN_MPI_PACKAGE_DEPENDS "tribotwin (= ${PROJECT_VERSION}-1), openmpi-bin")
+set(CPACK_COMPONENT_MPI_DESCRIPTION "The part of tribotwin that talks MPI: with it mpirun and srun spread
+independent simulations over the cores of several machines. Loaded at run
+time; without it tribotwin works on one machine.")
 
 set(CPACK_DEBIAN_PLUGIN_PACKAGE_NAME tribotwin-plugin)
 set(CPACK_DEBIAN_PLUGIN_PACKAGE_SECTION science)

@@ -20,6 +20,7 @@ if [ "${1:-}" = --tests ]; then
     user-mode-linux gcc libc6-dev kmod iproute2 can-utils busybox-static util-linux   # the CAN VM
     python3-can python3-canmatrix tshark mandoc
     dpkg-dev lintian   # Debian packages
+    libopenmpi-dev openmpi-bin   # programs on several ranks
   )
 fi
 missing=()

@@ -5,6 +5,7 @@
 #include <tribotwin/twin/gears/gear_class.hpp>
 #include <tribotwin/twin/io/command_line/parse.hpp>
 #include <tribotwin/twin/io/output.hpp>
+#include <tribotwin/twin/numerics/executor/mpi.hpp>
 #include <tribotwin/twin/numerics/solver_guard.hpp>
 
 int main(int argc, char** argv) {
@@ -18,6 +19,7 @@ int main(int argc, char** argv) {
   int code = twin::done;
   for (const auto add : twin::program::commands) add(app, code);
   const auto gears = twin::gear_names();
-  return twin::program::parse("tribotwin", mj_versionString(), app, argc, argv, code,
+  code = twin::program::parse("tribotwin", mj_versionString(), app, argc, argv, code,
                               {{"--gear", {gears.begin(), gears.end()}}, {"--law", {"bouc_wen", "lugre"}}});
+  return twin::leave_ranks(code);
 }

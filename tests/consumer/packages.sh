@@ -6,7 +6,8 @@ build=$1 source=$(realpath "$2") work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 cpack --config "$build/CPackConfig.cmake" -B "$work" > "$work/cpack.log" || { cat "$work/cpack.log"; exit 1; }
 packages=("$work"/*.deb)
-[ ${#packages[@]} -eq 2 ] || { echo "expected tribotwin and libtribotwin-dev, found ${packages[*]}"; exit 1; }
+[[ ${#packages[@]} == [23] ]] ||
+  { echo "expected tribotwin, libtribotwin-dev and perhaps tribotwin-mpi, found ${packages[*]}"; exit 1; }
 user=()
 [ "$(id -u)" -eq 0 ] && user=(--allow-root)
 lintian "${user[@]}" --fail-on error "${packages[@]}"
@@ -34,6 +35,11 @@ if [ -x root/usr/bin/tribotwin-report ]; then
   tribotwin-report pose mjcf/irb6620.xml -o pose.png
   tribotwin-report run
   [ -s pose.png ] && [ -s run/report.html ]
+fi
+if ls "$work"/tribotwin-mpi_*.deb > /dev/null 2>&1; then   # found where it is installed
+  export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_plm=isolated OMPI_MCA_btl=self,vader
+  mpirun --oversubscribe -n 2 tribotwin lab rh380n_friction --quiet -o lab
+  [ -s lab/curves.csv ]
 fi
 [ -s run/telemetry.h5 ] && [ -s mine/summary.json ]
 if grep "$source" mine/scenario.yaml; then exit 1; fi

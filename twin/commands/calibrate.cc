@@ -1,14 +1,15 @@
 #include <chrono>
 #include <memory>
-#include <thread>
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/commands/calibrate_results.hpp>
+#include <tribotwin/twin/commands/calibrate/results.hpp>
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
+#include <tribotwin/twin/numerics/executor/mpi.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -20,7 +21,7 @@ struct Arguments {
   std::string fit, directory;
   std::optional<std::uint64_t> seed;
   TableArguments tables;
-  unsigned threads = std::max(1u, std::thread::hardware_concurrency());
+  unsigned threads = 0;
   bool json = false, quiet = false, force = false;
 };
 
@@ -41,28 +42,39 @@ Result<void> fit_missing(const Arguments& a, CalibrationResults& results, const 
     progress(share, share > 0.01 ? wall_s * (1 / share - 1) : -1);
   };
   const auto outcome = calibrate(results.campaign.plan, results.fits,
-                                 {.threads = a.threads, .stop = &interrupted(), .progress = show, .done = save});
+                                 {.threads = threads_of(a.threads),
+                                  .identity = results.campaign.resolved,
+                                  .stop = &interrupted(),
+                                  .progress = show,
+                                  .done = save});
   if (!write_error.empty()) return work_failed(write_error);
   if (!outcome) return work_failed(outcome.error().message);
   return {};
 }
 
 Result<Exit> execute(const Arguments& a) {
+  if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
   const CalibrationCampaign campaign =
       read_calibration(given_or_shipped(a.fit, ".yaml"), a.seed, or_wrong_input(a.tables.options()));
   const fs::path directory = a.directory.empty() ? fs::path("runs") / campaign.file.stem() : fs::path(a.directory),
                  file = directory / "calibration.json";
-  std::error_code error;
-  fs::create_directories(directory, error);
-  if (error) return work_failed(fmt::format("{}: cannot be created ({})", directory.string(), error.message()));
   FolderLock lock;
-  if (auto ok = lock.take(directory); !ok) return work_failed(ok.error().message);
-  CalibrationResults results{campaign, read_fits(campaign, file)};
+  CalibrationResults results{campaign, {}};
+  const auto opened = ranks().on_root([&]() -> Result<void> {
+    std::error_code error;
+    fs::create_directories(directory, error);
+    if (error) return work_failed(fmt::format("{}: cannot be created ({})", directory.string(), error.message()));
+    if (auto ok = lock.take(directory); !ok) return work_failed(ok.error().message);
+    results.fits = read_fits(campaign, file);
+    return {};
+  });
+  if (!opened) return tl::unexpected(opened.error());
   if (!results.fits.empty() && !a.quiet)
     note("continues {}, where {} of {} fits are done", file.string(), results.fits.size(), results.wanted());
 
   catch_interrupts();
   if (auto ok = fit_missing(a, results, file); !ok) return tl::unexpected(ok.error());
+  if (!ranks().root()) return done;  // rank 0 has the fits
   if (!results.complete())
     return work_failed(results.fits.empty()
                            ? "interrupted before the first fit was done; nothing is written"
@@ -92,7 +104,8 @@ void add_calibrate(CLI::App& app, int& code) {
   a->tables.add_to(*c);
   a->tables.add_gear_ratio_to(*c);
   c->add_option("--seed", a->seed, "Seed of the search");
-  c->add_option("--threads", a->threads, "Threads; they do not change the result")->check(CLI::Range(1, 256));
+  c->add_option("--threads", a->threads, "Threads (under mpirun, per rank: 1); they do not change the result")
+      ->check(CLI::Range(1, 256));
   c->add_flag("--json", a->json, "Print calibration.json instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->add_flag("--force", a->force, "Replace twin files that were changed since they were written");

@@ -11,6 +11,7 @@
 #include <tribotwin/twin/experiments/working_days/tables.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/mpi.hpp>
 #include <tribotwin/twin/robot/starting_points.hpp>
 
 namespace tribotwin::twin::program {
@@ -22,6 +23,7 @@ struct Arguments {
   std::string campaign, directory;
   std::vector<std::string> settings;
   unsigned threads = 0;
+  int retries = 1;
   bool json = false, quiet = false, force = false;
 };
 
@@ -31,7 +33,8 @@ auto with_progress(const Arguments& a, const std::string& work, const auto& run)
   return run(LabOptions{.directory = a.directory,
                         .threads = a.threads,
                         .existing = replace_if(a.force),
-                        .progress = [&](double share, double left) { progress(share, left); }});
+                        .progress = [&](double share, double left) { progress(share, left); },
+                        .retries = a.retries});
 }
 
 /// What the health check found in the simulated days, those of the first test that has any, and how many have.
@@ -103,6 +106,7 @@ Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const
 }
 
 Result<Exit> execute(const Arguments& a) {
+  if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
   const std::filesystem::path file = given_or_shipped(a.campaign, ".yaml");
   const YAML::Node tree = or_wrong_input(campaign_tree(file, a.settings));
   if (repeatability::is_repeatability(tree))
@@ -133,8 +137,12 @@ void add_lab(CLI::App& app, int& code) {
       ->add_option("-o,--output", a->directory,
                    "Folder for the results; continues a campaign that was interrupted there")
       ->required();
-  command->add_option("--threads", a->threads, "Curves measured at once (default: one per core)")
+  command
+      ->add_option("--threads", a->threads,
+                   "Curves measured at once (default: one per core; under mpirun, per rank: 1)")
       ->check(CLI::Range(1, 1024));
+  command->add_option("--retries", a->retries, "Further attempts of a curve or test whose work failed (default: 1)")
+      ->check(CLI::Range(0, 100));
   command->add_option("--set", a->settings, "key=value with dotted keys; overrides the file")->allow_extra_args(false);
   command->add_flag("--json", a->json, "Print JSON instead of text");
   command->add_flag("--quiet", a->quiet, "No progress, no summary");

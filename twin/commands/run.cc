@@ -1,15 +1,21 @@
 #include <algorithm>
+#include <chrono>
 #include <cstdint>
 #include <memory>
+#include <mutex>
+#include <numeric>
 #include <optional>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/telemetry/run_folder.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
+#include <tribotwin/twin/numerics/executor/mpi.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
 
@@ -17,6 +23,7 @@ namespace tribotwin::twin::program {
 namespace {
 
 namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
 
 Result<Exit> list_scenarios() {
   const auto files = shipped_scenarios();
@@ -30,10 +37,13 @@ Result<Exit> list_scenarios() {
   return done;
 }
 
-/// "warning: ..." or "note: ..." on stderr, of one of several runs with its folder.
-void report_health(const std::vector<HealthLine>& lines, const std::string& folder = {}) {
-  for (const HealthLine& line : lines)
-    report_text(fmt::format("{}: {}{}{}\n", name(line.verdict), folder, folder.empty() ? "" : ": ", line.text));
+/// "warning: ..." or "note: ...", of one of several runs with its folder.
+std::string health_message(const HealthLine& line, const std::string& folder = {}) {
+  return fmt::format("{}: {}{}{}\n", name(line.verdict), folder, folder.empty() ? "" : ": ", line.text);
+}
+
+void report_health(const std::vector<HealthLine>& lines) {
+  for (const HealthLine& line : lines) report_text(health_message(line));
 }
 
 /// What model and scenario say before a run that may take hours.
@@ -86,17 +96,39 @@ void print_summary(const Summary& s, const fs::path& directory) {
   if (!directory.empty()) print("written: {0}/telemetry.h5, {0}/summary.json, {0}/scenario.yaml\n", directory.string());
 }
 
-void print_varied(const std::vector<VariedRun>& runs, const fs::path& directory) {
-  for (const auto& run : runs) {
-    print("{:<24} simulated {:.1f} s in {:.2f} s", run.folder, run.summary.simulated_s, run.summary.wall_s);
-    for (const auto& t : run.summary.tracking)
-      print("; error {:.3f} mrad, at standstill {:.4f} mrad peak to peak", t.l1_mrad, t.standstill_pp_mrad);
-    for (const auto& l : run.summary.loops) print("; loop {:.4g} J, {:.4g} Nm/rad", l.area_J, l.stiffness_nm_rad);
-    print("\n");
-    report_health(health_lines(run.summary.health), run.folder);
-    for (const auto& warning : run.summary.warnings) note("{}: {}", run.folder, warning);
+/// What is to be said of one of several runs, and its part of their summary.json: text, because another rank may have
+/// run it.
+Json report_of(const VariedRun& run) {
+  std::string line =
+      fmt::format("{:<24} simulated {:.1f} s in {:.2f} s", run.folder, run.summary.simulated_s, run.summary.wall_s);
+  for (const auto& t : run.summary.tracking)
+    line += fmt::format("; error {:.3f} mrad, at standstill {:.4f} mrad peak to peak", t.l1_mrad, t.standstill_pp_mrad);
+  for (const auto& l : run.summary.loops)
+    line += fmt::format("; loop {:.4g} J, {:.4g} Nm/rad", l.area_J, l.stiffness_nm_rad);
+  Json report{{"line", line + "\n"}, {"messages", Json::array()}, {"summary", Json::parse(varied_json({&run, 1}))}};
+  for (const HealthLine& health : health_lines(run.summary.health))
+    report["messages"].push_back(health_message(health, run.folder));
+  for (const auto& warning : run.summary.warnings)
+    report["messages"].push_back(fmt::format("note: {}: {}\n", run.folder, warning));
+  if (!as_asked(run.summary.health)) report["failing"] = run.folder + ": " + checks_that_warn(run.summary);
+  return report;
+}
+
+/// One summary.json of all: lists are joined.
+std::string varied_summary(const std::vector<Json>& reports) {
+  Json all = reports.front()["summary"];
+  for (std::size_t i = 1; i < reports.size(); ++i)
+    for (const auto& [key, list] : reports[i]["summary"].items())
+      for (const Json& entry : list) all[key].push_back(entry);
+  return all.dump(2) + "\n";
+}
+
+void print_varied(const std::vector<Json>& reports, const fs::path& directory) {
+  for (const Json& report : reports) {
+    print("{}", report["line"].get<std::string>());
+    for (const Json& message : report["messages"]) report_text(message.get<std::string>());
   }
-  print("written: {0}/summary.json and the folders of {1} runs\n", directory.string(), runs.size());
+  print("written: {0}/summary.json and the folders of {1} runs\n", directory.string(), reports.size());
 }
 
 /// One run of a scenario that varies: the settings that make it, and the folder below that of the whole.
@@ -152,6 +184,7 @@ struct Arguments {
   std::string scenario, directory;
   std::vector<std::string> settings;
   std::optional<std::int64_t> seed;
+  unsigned threads = 0;
   bool realtime = false, quiet = false, list = false, json = false, force = false, strict = false;
 };
 
@@ -175,10 +208,28 @@ void note_recording(const Arguments& a, const Scenario& scenario) {
   for (const auto& text : scenario.recording->notes) note("{}", text);
 }
 
-/// Runs all variations, each in a folder of its own, and one summary over them.
-Result<Exit> vary(const Arguments& a, const fs::path& file, const std::vector<Variation>& all,
-                  const std::vector<std::string>& settings) {
-  // All are read before the first runs: what is wrong with the last is said at once.
+/// The progress of several runs at once.
+class SharedProgress {
+ public:
+  SharedProgress(bool quiet, std::size_t runs) : progress_(quiet), share_(runs) {}
+  void operator()(std::size_t run, double share) {
+    const std::lock_guard lock(mutex_);
+    share_[run] = share;
+    const double whole = std::accumulate(share_.begin(), share_.end(), 0.0) / static_cast<double>(share_.size());
+    const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - started_;
+    progress_(whole, whole > 0 ? spent.count() * (1 / whole - 1) : -1);
+  }
+
+ private:
+  std::mutex mutex_;
+  Progress progress_;
+  std::vector<double> share_;
+  const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
+};
+
+/// The scenario of each variation. All are read before the first runs: what is wrong with the last is said at once.
+std::vector<Scenario> scenarios_of(const Arguments& a, const fs::path& file, const std::vector<Variation>& all,
+                                   const std::vector<std::string>& settings) {
   std::vector<Scenario> scenarios;
   for (const Variation& one : all) {
     std::vector<std::string> both = one.settings;
@@ -186,42 +237,74 @@ Result<Exit> vary(const Arguments& a, const fs::path& file, const std::vector<Va
     scenarios.push_back(or_throw(load_scenario(file, both)));
     note_recording(a, scenarios.back());
   }
+  return scenarios;
+}
+
+/// Runs them on all threads and ranks; each rank writes the folders of its runs. A report per run.
+Result<Outcome> run_all(const Arguments& a, const std::vector<Variation>& all, const std::vector<Scenario>& scenarios,
+                        const fs::path& output) {
+  SharedProgress progress(a.quiet, all.size());
+  std::string identity;
+  for (const Scenario& one : scenarios) identity += one.resolved_yaml;
+  const Tasks tasks{.count = all.size(),
+                    .identity = identity,
+                    .work = [&](std::size_t i, const std::string&) -> Result<std::string> {
+                      const auto summary =
+                          twin::run(scenarios[i], {.directory = output / all[i].folder,
+                                                   .existing = replace_if(a.force),
+                                                   .realtime = a.realtime,
+                                                   .stop = &interrupted(),
+                                                   .progress = [&](double share, double) { progress(i, share); }});
+                      if (!summary) return tl::unexpected(summary.error());
+                      if (summary->interrupted) return work_failed("interrupted");
+                      return report_of({all[i].folder, all[i].settings, *summary}).dump();
+                    },
+                    .keep = [&](std::size_t i, const std::string&) -> Result<void> {
+                      progress(i, 1);
+                      return {};
+                    }};
+  // Not tried again: the folder of a failed run shows how far it came.
+  return carry_out(tasks, {.threads = a.realtime ? 1 : a.threads, .retries = 0, .stop = &interrupted()});
+}
+
+/// Why not all have run.
+tl::unexpected<Error> not_all(const Outcome& outcome, const std::vector<Variation>& all) {
+  const auto folder = [&](std::size_t i) { return all[i].folder; };
+  if (!outcome.failures.empty())
+    return tl::unexpected(Error(text_of(outcome.failures, folder), outcome.failures.front().error.kind));
+  const auto first = std::ranges::find(outcome.results, "") - outcome.results.begin();
+  return work_failed(fmt::format("{}: interrupted; {} of {} runs are complete", folder(static_cast<std::size_t>(first)),
+                                 std::ranges::count_if(outcome.results, [](const auto& r) { return !r.empty(); }),
+                                 all.size()));
+}
+
+/// Runs all variations, each in a folder of its own, and one summary over them.
+Result<Exit> vary(const Arguments& a, const fs::path& file, const std::vector<Variation>& all,
+                  const std::vector<std::string>& settings) {
+  const std::vector<Scenario> scenarios = scenarios_of(a, file, all, settings);
   const fs::path output = a.directory.empty() ? fs::path("runs") / scenarios[0].name : fs::path(a.directory);
-  require_other_folder(output, file);
   RunFolder folder;
-  or_throw(folder.open(output, replace_if(a.force)));
-  std::vector<VariedRun> runs;
-  {
-    Progress progress(a.quiet);
-    for (std::size_t i = 0; i < all.size(); ++i) {
-      const auto summary = twin::run(
-          scenarios[i], {.directory = output / all[i].folder,
-                         .existing = replace_if(a.force),
-                         .realtime = a.realtime,
-                         .stop = &interrupted(),
-                         .progress = [&](double share, double left) {
-                           const double whole = (static_cast<double>(i) + share) / static_cast<double>(all.size());
-                           progress(whole, left + static_cast<double>(all.size() - i - 1) *
-                                                      (share > 0 ? left / (1 - std::min(share, 0.999)) : 0));
-                         }});
-      if (!summary && summary.error().kind == ErrorKind::work)
-        return work_failed(fmt::format("{}: {}", all[i].folder, summary.error().message));
-      or_throw(summary);
-      if (summary->interrupted)
-        return work_failed(fmt::format("{}: interrupted; {} of {} runs are complete", all[i].folder, i, all.size()));
-      runs.push_back({all[i].folder, all[i].settings, *summary});
-    }
-  }
-  if (const auto ok = write_file(output / "summary.json", varied_json(runs), Existing::refuse); !ok)
+  or_throw(ranks().on_root([&] {
+    require_other_folder(output, file);
+    return folder.open(output, replace_if(a.force));
+  }));
+  const auto outcome = run_all(a, all, scenarios, output);
+  if (!outcome) return tl::unexpected(outcome.error());
+  if (outcome->stopped || !outcome->failures.empty()) return not_all(*outcome, all);
+  if (!ranks().root()) return done;
+  std::vector<Json> reports;
+  for (const std::string& result : outcome->results) reports.push_back(Json::parse(result));
+  const std::string summary = varied_summary(reports);
+  if (const auto ok = write_file(output / "summary.json", summary, Existing::refuse); !ok)
     return work_failed(ok.error().message);
   folder.commit();
   if (a.json)
-    print("{}", varied_json(runs));
+    print("{}", summary);
   else if (!a.quiet)
-    print_varied(runs, output);
+    print_varied(reports, output);
   std::vector<std::string> failing;
-  for (const VariedRun& run : runs)
-    if (!as_asked(run.summary.health)) failing.push_back(run.folder + ": " + checks_that_warn(run.summary));
+  for (const Json& report : reports)
+    if (report.contains("failing")) failing.push_back(report["failing"]);
   return strict_code(a, joined(failing, "; "));
 }
 
@@ -242,6 +325,7 @@ void refuse_model(const std::string& given) {
 
 Result<Exit> execute(const Arguments& a) {
   if (a.list) return list_scenarios();
+  if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
   catch_interrupts();
   if (a.scenario.empty())
     return tl::unexpected(Error("run needs a scenario; 'tribotwin run --list' names those that ship"));
@@ -250,6 +334,8 @@ Result<Exit> execute(const Arguments& a) {
   const fs::path file = given_or_shipped(a.scenario, ".yaml");
   if (file == a.scenario) refuse_model(a.scenario);
   if (const auto all = variations(file); !all.empty()) return vary(a, file, all, settings);
+  if (!ranks().root()) return done;
+  if (ranks().several()) note("one run has nothing to divide: rank 0 of {} works alone", ranks().size());
   const Scenario loaded = or_throw(load_scenario(file, settings));
   note_recording(a, loaded);
   const fs::path output = a.directory.empty() ? fs::path("runs") / loaded.name : fs::path(a.directory);
@@ -287,6 +373,8 @@ void add_run(CLI::App& app, int& code) {
   run->add_flag("--strict", a->strict,
                 "Exit code 3 if the health check warns: the run is not what its scenario asked for");
   run->add_flag("--realtime", a->realtime, "Run no faster than real time");
+  run->add_option("--threads", a->threads, "Runs of 'vary' at once (default: one per core; under mpirun, per rank: 1)")
+      ->check(CLI::Range(1, 1024));
   run->add_flag("--quiet", a->quiet, "No progress, no summary");
   run->add_flag("--json", a->json, "Print summary.json instead of the table");
   run->add_flag("--list", a->list, "List the shipped scenarios");

@@ -13,6 +13,7 @@
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/mpi.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -170,6 +171,7 @@ Result<Exit> execute(const Arguments& a) {
   const sweep::Plan plan = or_throw(sweep::load_plan(given_or_shipped(a.plan, ".yaml")));
   if (a.dry_run) return foretell(a, plan);
   if (a.run) return repeat(a, plan);
+  if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
   const auto result = [&] {
     Progress progress(a.quiet, fmt::format("{} runs", plan.runs));
     return sweep::run_sweep(plan,
@@ -203,7 +205,8 @@ void add_sweep(CLI::App& app, int& code) {
   command->add_option("PLAN", a->plan, "Plan file, or the name of a shipped one");
   command->add_option("-o,--output", a->directory,
                       "Folder for the results; continues a sweep that was interrupted there");
-  command->add_option("--threads", a->threads, "Runs at once (default: one per core)")->check(CLI::Range(1, 1024));
+  command->add_option("--threads", a->threads, "Runs at once (default: one per core; under mpirun, per rank: 1)")
+      ->check(CLI::Range(1, 1024));
   auto* dry_run = command->add_flag("--dry-run", a->dry_run, "Make one run, say how long all take, write nothing");
   auto* status = command->add_flag("--status", a->status, "Say how far the sweep in the folder of -o is; reads only");
   command->add_option("--run", a->run, "Make run N of the plan alone, with telemetry, as 'tribotwin run' does")

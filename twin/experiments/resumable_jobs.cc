@@ -1,21 +1,17 @@
 #include <algorithm>
 #include <chrono>
-#include <iterator>
-#include <map>
-#include <mutex>
 #include <optional>
-#include <sstream>
-#include <thread>
 #include <utility>
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/experiments/part_store.hpp>
 #include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
-#include <tribotwin/twin/numerics/parallel.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/robot/fingerprint.hpp>
 
 namespace tribotwin::twin {
@@ -70,81 +66,44 @@ Status open(const fs::path& directory, const std::string& folder, const std::str
   return {};
 }
 
-/// The checksums of the parts, one line each: eight hexadecimal digits, a space, the name of the part.
-class Checksums {
- public:
-  explicit Checksums(fs::path file) : file_(std::move(file)) {
-    std::istringstream lines(text_of(file_).value_or(""));
-    for (std::string sum, name; lines >> sum >> name;) sums_[name] = sum;
-  }
-  bool match(const std::string& name, std::string_view text) const {
-    const auto sum = sums_.find(name);
-    return sum != sums_.end() && sum->second == sum_of(text);
-  }
-  Status add(const std::string& name, std::string_view text) {
-    sums_[name] = sum_of(text);
-    std::string all;
-    for (const auto& [part, sum] : sums_) all += fmt::format("{} {}\n", sum, part);
-    return write_file(file_, all, Existing::replace);
-  }
+/// Calls the progress of the user with the time left.
+auto reporter(const LabOptions& options) {
+  return [progress = options.progress, started = std::chrono::steady_clock::now(), first = std::size_t{0}](
+             std::size_t over, std::size_t of) mutable {
+    if (!progress) return;
+    if (first == 0) first = over;  // those of earlier runs took no time
+    const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - started;
+    progress(static_cast<double>(over) / static_cast<double>(of),
+             spent.count() / static_cast<double>(over - first + 1) * static_cast<double>(of - over));
+  };
+}
 
- private:
-  static std::string sum_of(std::string_view text) { return fmt::format("{:08x}", crc32(text)); }
-  fs::path file_;
-  std::map<std::string, std::string> sums_;
-};
-
-/// The missing parts, made by several threads.
-class Workers {
- public:
-  Workers(const ResumableJobs& parts, const LabOptions& options, const std::vector<std::size_t>& missing,
-          Checksums& sums, Completed& out)
-      : parts_(parts), options_(options), missing_(missing), sums_(sums), out_(out) {}
-
-  Status run() {
-    const unsigned wanted = options_.threads ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
-    identification::in_parallel_until_failure(missing_.size(), wanted,
-                                              [this](std::size_t k) { return complete(missing_[k]); });
-    if (error_at_ < parts_.files.size()) return work_failed(error_);
+/// DIR/failures.csv: the parts that could not be made; absent where all could.
+Status write_failures(const std::vector<TaskFailure>& failures, const ResumableJobs& parts, const fs::path& directory) {
+  const fs::path file = directory / "failures.csv";
+  if (failures.empty()) {
+    std::error_code ignored;
+    fs::remove(file, ignored);
     return {};
   }
-
- private:
-  /// Makes part i and keeps it.
-  bool complete(std::size_t i) {
-    auto made = parts_.make(i);
-    Status kept = made ? write_file(options_.directory / parts_.folder / parts_.files[i], *made, Existing::replace)
-                       : Status(tl::unexpected(made.error()));
-    const std::lock_guard guard(mutex_);
-    if (kept) kept = sums_.add(parts_.files[i], *made);
-    if (!kept) {
-      if (i < error_at_) error_at_ = i, error_ = kept.error().message;
-      return false;
-    }
-    out_.texts[i] = std::move(*made);
-    ++finished_;
-    report();
-    return true;
+  std::string text = "part,attempts,message\n";
+  for (const TaskFailure& f : failures) {
+    std::string message = f.error.message;
+    for (std::size_t at = 0; (at = message.find('"', at)) != std::string::npos; at += 2) message.insert(at, 1, '"');
+    text += fmt::format("{}/{},{},\"{}\"\n", parts.folder, parts.files[f.task], f.attempts, message);
   }
+  return write_file(file, text, Existing::replace);
+}
 
-  void report() const {
-    if (!options_.progress) return;
-    const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - started_;
-    options_.progress(
-        static_cast<double>(out_.present + finished_) / static_cast<double>(parts_.files.size()),
-        spent.count() / static_cast<double>(finished_) * static_cast<double>(missing_.size() - finished_));
-  }
-
-  const ResumableJobs& parts_;
-  const LabOptions& options_;
-  const std::vector<std::size_t>& missing_;
-  const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
-  std::mutex mutex_;  ///< guards all below
-  Checksums& sums_;
-  Completed& out_;
-  std::string error_;
-  std::size_t error_at_ = parts_.files.size(), finished_ = 0;  ///< the error of the first part
-};
+/// The error of a campaign that is not complete.
+tl::unexpected<Error> incomplete(const Outcome& outcome, const ResumableJobs& parts, const LabOptions& options) {
+  const std::size_t all = parts.files.size();
+  if (outcome.failures.empty()) return work_failed(fmt::format("{}: interrupted", options.directory.string()));
+  return work_failed(
+      fmt::format("{}: {} of {} parts failed ({}/failures.csv): {}", options.directory.string(),
+                  outcome.failures.size(), all, options.directory.string(),
+                  text_of(outcome.failures, [&](std::size_t i) { return parts.folder + "/" + parts.files[i]; })));
+}
 
 }  // namespace
 
@@ -153,22 +112,38 @@ std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign
 }
 
 Result<Completed> complete(const std::string& resolved_yaml, const ResumableJobs& parts, const LabOptions& options) {
-  if (auto ok = require_free(resolved_yaml, parts.folder, options.directory); !ok) return tl::unexpected(ok.error());
   const auto lock = std::make_shared<FolderLock>();
-  if (auto ok = open(options.directory, parts.folder, resolved_yaml, *lock); !ok) return tl::unexpected(ok.error());
-  Checksums sums(options.directory / "checksums");
-  Completed out{.texts = std::vector<std::string>(parts.files.size()), .lock = lock};
-  std::vector<std::size_t> missing;
-  for (std::size_t i = 0; i < parts.files.size(); ++i) {
-    auto present = text_of(options.directory / parts.folder / parts.files[i]);
-    if (present && sums.match(parts.files[i], *present) && parts.whole(i, *present))
-      out.texts[i] = std::move(*present);
-    else
-      missing.push_back(i);
-  }
-  out.present = parts.files.size() - missing.size();
-  if (auto ok = Workers(parts, options, missing, sums, out).run(); !ok) return tl::unexpected(ok.error());
-  return out;
+  std::optional<PartStore> store;  // of rank 0
+  const auto opened = ranks().on_root([&]() -> Status {
+    if (auto ok = require_free(resolved_yaml, parts.folder, options.directory); !ok) return ok;
+    if (auto ok = open(options.directory, parts.folder, resolved_yaml, *lock); !ok) return ok;
+    auto there = PartStore::open(options.directory, parts.folder);
+    if (!there) return work_failed(there.error().message);
+    store = *std::move(there);
+    return {};
+  });
+  if (!opened) return tl::unexpected(opened.error());
+
+  const Tasks tasks{.count = parts.files.size(),
+                    .identity = fmt::format("{:08x}", crc32(resolved_yaml)),
+                    .work = [&](std::size_t i, const std::string&) { return parts.make(i); },
+                    .present = [&](std::size_t i) -> std::optional<std::string> {
+                      auto text = store->find(parts.files[i]);
+                      return text && parts.whole(i, *text) ? std::move(text) : std::nullopt;
+                    },
+                    .keep = [&](std::size_t i, const std::string& text) { return store->keep(parts.files[i], text); },
+                    .progress = reporter(options)};
+  auto outcome = carry_out(tasks, {.threads = options.threads, .retries = options.retries, .stop = options.stop});
+  if (!outcome) return work_failed(outcome.error().message);
+  const auto finished = ranks().on_root([&]() -> Status {
+    if (auto ok = store->finish(); !ok) return work_failed(ok.error().message);
+    if (auto ok = write_failures(outcome->failures, parts, options.directory); !ok)
+      return work_failed(ok.error().message);
+    return {};
+  });
+  if (!finished) return tl::unexpected(finished.error());
+  if (outcome->stopped || !outcome->failures.empty()) return incomplete(*outcome, parts, options);
+  return Completed{.texts = std::move(outcome->results), .present = outcome->present, .lock = lock};
 }
 
 }  // namespace tribotwin::twin

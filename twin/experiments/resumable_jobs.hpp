@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <filesystem>
 #include <functional>
@@ -14,14 +15,16 @@
 #include <tribotwin/twin/io/file.hpp>
 
 /// Long work in independent parts, each written to a file when it is done: after an interruption the next run
-/// continues, and the results are the same byte by byte, for any number of threads.
+/// continues, and the results are the same byte by byte, for any number of threads and of MPI ranks.
 namespace tribotwin::twin {
 
 struct LabOptions {
   std::filesystem::path directory;
-  unsigned threads = 0;                  ///< 0: all cores
+  unsigned threads = 0;                  ///< per rank; 0: all cores, or one on each of several MPI ranks
   Existing existing = Existing::refuse;  ///< for results that were changed after they were made
-  std::function<void(double share, double seconds_left)> progress;  ///< from one thread at a time
+  std::function<void(double share, double seconds_left)> progress;  ///< one call at a time
+  int retries = 1;                                                  ///< further attempts of a part whose work failed
+  const std::atomic<bool>* stop = nullptr;                          ///< when true, no further part begins
 };
 
 struct ResumableJobs {
@@ -30,9 +33,11 @@ struct ResumableJobs {
   std::function<bool(std::size_t part, const std::string& text)>
       whole;  ///< whether the text of an existing file is a complete part
   std::function<Result<std::string>(std::size_t part)>
-      make;  ///< called from several threads; a function of campaign and part alone
+      make;  ///< called from several threads, on any rank; a function of campaign and part alone; may throw
 };
 
+/// On every rank the same, but the lock, which rank 0 has. Files are then written by rank 0 alone:
+/// ranks().on_root([&] { return write_file(...); }).
 struct Completed {
   std::vector<std::string> texts;  ///< per part
   std::size_t present = 0;         ///< number of parts made by an earlier run
@@ -42,10 +47,11 @@ struct Completed {
 /// A campaign for `complete`: engine and model in the first line, as the results depend on both.
 std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign);
 
-/// Makes the parts that the directory lacks. The directory contains campaign.yaml with `resolved_yaml`, which
-/// identifies the campaign, and `checksums`: a part without its checksum there is made again. ErrorKind::input where
-/// the directory contains another campaign or other files. ErrorKind::work with the first part that cannot be made,
-/// when another process works in the directory, or when a file cannot be written.
+/// Makes the parts that the directory lacks, on all threads and ranks (numerics/executor); collective. The directory
+/// contains campaign.yaml with `resolved_yaml`, which identifies the campaign, and `checksums`: a part without its
+/// checksum there is made again. A part that fails does not end the others: failures.csv lists those that failed.
+/// ErrorKind::input where the directory contains another campaign or other files. ErrorKind::work where parts failed
+/// (it names the first), when another process works in the directory, or when a file cannot be written.
 Result<Completed> complete(const std::string& resolved_yaml, const ResumableJobs& parts, const LabOptions& options);
 
 }  // namespace tribotwin::twin

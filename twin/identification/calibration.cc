@@ -1,14 +1,19 @@
 #include <algorithm>
 #include <cmath>
-#include <mutex>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
 
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/calibration.hpp>
 #include <tribotwin/twin/identification/posterior.hpp>
 #include <tribotwin/twin/numerics/cma_es.hpp>
+#include <tribotwin/twin/numerics/executor/bytes.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
-#include <tribotwin/twin/numerics/parallel.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -58,7 +63,31 @@ void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std:
   }
 }
 
-/// The fits of a plan that are missing, and the threads that make them.
+/// A fit on its way between ranks.
+std::string pack(const SimulationFit& fit) {
+  const auto doubles = [](const std::vector<double>& all) { return std::span<const double>(all); };
+  BytesOut out;
+  out.put<std::uint64_t>(fit.variant).put<std::uint64_t>(fit.split).put<std::uint64_t>(fit.fold);
+  out.put(doubles(fit.values)).put(doubles(fit.sigma)).put(std::span<const ParameterStatus>(fit.status));
+  out.put(std::span<const double>(fit.correlation.data(), static_cast<std::size_t>(fit.correlation.size())));
+  out.put(doubles(fit.mae_mrad)).put(fit.objective).put(doubles(fit.minima)).put(fit.evaluations);
+  return out.take();
+}
+
+SimulationFit unpack(const std::string& bytes) {
+  BytesIn in(bytes);
+  SimulationFit fit;
+  fit.variant = in.get<std::uint64_t>(), fit.split = in.get<std::uint64_t>(), fit.fold = in.get<std::uint64_t>();
+  fit.values = in.numbers<double>(), fit.sigma = in.numbers<double>(), fit.status = in.numbers<ParameterStatus>();
+  const auto correlation = in.numbers<double>();
+  const auto n = std::ssize(fit.values);
+  fit.correlation = MatrixXd::Map(correlation.data(), n, n);
+  fit.mae_mrad = in.numbers<double>(), fit.objective = in.get<double>();
+  fit.minima = in.numbers<double>(), fit.evaluations = in.get<int>();
+  return fit;
+}
+
+/// The fits of a plan that are missing, as tasks of the executor.
 class Calibration {
  public:
   static Result<void> run(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch) {
@@ -75,8 +104,7 @@ class Calibration {
   struct Job {
     SimulationFit fit;
     std::vector<std::size_t> training;
-    std::vector<Minimum> minima;
-    int open = 0;  ///< starts that are not finished
+    bool open = true;  ///< not done by an earlier run
   };
 
   Calibration(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch,
@@ -91,15 +119,12 @@ class Calibration {
     std::vector<Job> jobs;
     const auto add = [&](std::size_t variant, std::size_t split, std::size_t fold,
                          const std::vector<std::size_t>& held_out) {
-      if (std::ranges::any_of(
-              have, [&](const SimulationFit& f) { return f.variant == variant && f.split == split && f.fold == fold; }))
-        return;
       Job& job = jobs.emplace_back();
+      job.open = std::ranges::none_of(
+          have, [&](const SimulationFit& f) { return f.variant == variant && f.split == split && f.fold == fold; });
       job.fit.variant = variant, job.fit.split = split, job.fit.fold = fold;
       for (std::size_t i = 0; i < plan.recordings.size(); ++i)
         if (std::ranges::find(held_out, i) == held_out.end()) job.training.push_back(i);
-      job.minima.resize(static_cast<std::size_t>(plan.search.starts));
-      job.open = plan.search.starts;
     };
     for (std::size_t v = 0; v < plan.variants.size(); ++v) {
       add(v, SimulationFit::all, 0, {});
@@ -113,6 +138,7 @@ class Calibration {
   double simulations() const {
     double total = 0;
     for (const Job& job : jobs_) {
+      if (!job.open) continue;
       total += static_cast<double>(job.training.size()) * plan_.search.evaluations * plan_.search.starts;
       if (job.fit.split == SimulationFit::all)
         total += static_cast<double>(job.training.size() * (2 * twins_[job.fit.variant].free_quantities().size() + 1));
@@ -120,58 +146,99 @@ class Calibration {
     return total;
   }
 
+  /// Tasks: the starts of every job, then the end of every job, which needs its starts.
+  std::size_t starts() const { return static_cast<std::size_t>(plan_.search.starts); }
+  std::size_t first_end() const { return jobs_.size() * starts(); }
+  std::size_t job_of(std::size_t task) const { return task < first_end() ? task / starts() : task - first_end(); }
+
   Result<void> run() {
-    in_parallel_until_failure(jobs_.size() * static_cast<std::size_t>(plan_.search.starts), watch_.threads,
-                              [this](std::size_t task) { return complete(task); });
-    if (!failure_.empty()) return work_failed(failure_);
+    const auto failed_job = [this](std::size_t task) { return label_of(jobs_[job_of(task)]); };
+    const Tasks tasks{
+        .count = first_end() + jobs_.size(),
+        .identity = watch_.identity,
+        .work = [this](std::size_t task,
+                       const std::string& minima) { return task < first_end() ? start(task) : end(task, minima); },
+        .present =
+            [this](std::size_t task) { return jobs_[job_of(task)].open ? std::nullopt : std::optional(std::string()); },
+        .keep = [this](std::size_t task, const std::string& bytes) -> Result<void> {
+          if (task >= first_end() && watch_.done) watch_.done(unpack(bytes));
+          return {};
+        },
+        .after =
+            [this](std::size_t task) {
+              std::vector<std::size_t> before(task < first_end() ? 0 : starts());
+              std::ranges::generate(before, [i = job_of(task) * starts()]() mutable { return i++; });
+              return before;
+            },
+        .input =
+            [this](std::size_t task, const std::vector<std::string>& results) {
+              std::string minima;
+              for (std::size_t s = 0; s < starts() && task >= first_end(); ++s)
+                minima += results[job_of(task) * starts() + s];
+              return minima;
+            },
+        .progress =
+            [this](std::size_t over, std::size_t of) {
+              // Simulations of other ranks are not counted here.
+              if (watch_.progress && ranks().several())
+                watch_.progress(static_cast<double>(over) / static_cast<double>(of));
+            }};
+    // A failed fit would fail again: it is a function of plan and seed.
+    const auto outcome = carry_out(tasks, {.threads = watch_.threads, .retries = 0, .stop = watch_.stop});
+    if (!outcome) return tl::unexpected(outcome.error());
+    if (!outcome->failures.empty()) return work_failed(text_of(outcome->failures, failed_job));
     return {};
   }
 
-  bool complete(std::size_t task) {
-    try {
-      if (const auto ok = perform(task); !ok) return fail(ok.error().message);
-      return true;
-    } catch (const Interrupted&) {
-      return false;
-    } catch (const std::exception& e) {  // of a thread: memory
-      return fail(e.what());
+  std::string label_of(const Job& job) const {
+    return fmt::format("variant '{}'", plan_.variants[job.fit.variant].label);
+  }
+
+  /// Threads inside a task, where there are fewer tasks than threads.
+  unsigned each() const {
+    const auto open =
+        static_cast<unsigned>(std::ranges::count_if(jobs_, &Job::open)) * static_cast<unsigned>(plan_.search.starts);
+    return std::clamp(watch_.threads * static_cast<unsigned>(ranks().size()) / std::max(1u, open), 1u,
+                      std::max(1u, watch_.threads));
+  }
+
+  Posterior posterior(const Job& job) {
+    return {twins_[job.fit.variant], plan_.recordings, job.training, plan_.search, counter_, each()};
+  }
+
+  Result<std::string> start(std::size_t task) {
+    const Job& job = jobs_[job_of(task)];
+    const Minimum m = descend(posterior(job), static_cast<int>(task % starts()), plan_.search, counter_,
+                              static_cast<double>(job.training.size()), each());
+    BytesOut out;
+    out.put(m.objective)
+        .put(m.evaluations)
+        .put(std::span<const double>(m.z.data(), static_cast<std::size_t>(m.z.size())));
+    return out.take();
+  }
+
+  Result<std::string> end(std::size_t task, const std::string& minima) {
+    const Job& job = jobs_[job_of(task)];
+    std::vector<Minimum> all(starts());
+    BytesIn in(minima);
+    for (Minimum& m : all) {
+      m.objective = in.get<double>();
+      m.evaluations = in.get<int>();
+      const auto z = in.numbers<double>();
+      m.z = VectorXd::Map(z.data(), std::ssize(z));
     }
+    SimulationFit fit = job.fit;
+    if (const auto ok = finish(posterior(job), all, fit); !ok) return tl::unexpected(ok.error());
+    return pack(fit);
   }
 
-  bool fail(const std::string& why) {
-    const std::lock_guard lock(mutex_);
-    if (failure_.empty()) failure_ = why;
-    return false;
-  }
-
-  /// One start of one job; the last one also finishes the job.
-  Result<void> perform(std::size_t task) {
-    const auto starts = static_cast<std::size_t>(plan_.search.starts);
-    Job& job = jobs_[task / starts];
-    const unsigned each = std::max(1u, watch_.threads / static_cast<unsigned>(jobs_.size() * starts));
-    const Posterior posterior(twins_[job.fit.variant], plan_.recordings, job.training, plan_.search, counter_, each);
-    job.minima[task % starts] = descend(posterior, static_cast<int>(task % starts), plan_.search, counter_,
-                                        static_cast<double>(job.training.size()), each);
-    const bool last = [&] {
-      const std::lock_guard lock(mutex_);
-      return --job.open == 0;
-    }();
-    if (!last) return {};
-    if (const auto ok = finish(job, posterior); !ok)
-      return work_failed(fmt::format("variant '{}': {}", plan_.variants[job.fit.variant].label, ok.error().message));
-    const std::lock_guard lock(mutex_);
-    if (watch_.done) watch_.done(job.fit);
-    return {};
-  }
-
-  Result<void> finish(Job& job, const Posterior& posterior) const {
-    const VariantTwins& twins = twins_[job.fit.variant];
-    const Minimum& best = *std::ranges::min_element(job.minima, {}, &Minimum::objective);
+  Result<void> finish(const Posterior& posterior, const std::vector<Minimum>& minima, SimulationFit& fit) const {
+    const VariantTwins& twins = twins_[fit.variant];
+    const Minimum& best = *std::ranges::min_element(minima, {}, &Minimum::objective);
     if (!std::isfinite(best.objective)) return work_failed("every twin tried was refused or diverged");
-    SimulationFit& fit = job.fit;
     fit.values = posterior.values(best.z);
     fit.objective = best.objective;
-    for (const Minimum& m : job.minima) fit.minima.push_back(m.objective), fit.evaluations += m.evaluations;
+    for (const Minimum& m : minima) fit.minima.push_back(m.objective), fit.evaluations += m.evaluations;
     fit.sigma.assign(fit.values.size(), unknown);
     fit.status.assign(fit.values.size(), ParameterStatus::known);
     fit.correlation = MatrixXd::Constant(std::ssize(fit.values), std::ssize(fit.values), unknown);
@@ -194,8 +261,6 @@ class Calibration {
   const std::vector<VariantTwins> twins_;
   std::vector<Job> jobs_;
   Counter counter_;
-  std::mutex mutex_;  ///< guards Job::open, the calls of watch_.done and failure_
-  std::string failure_;
 };
 
 }  // namespace

@@ -87,16 +87,17 @@ struct SimulationFit {
 };
 
 struct Watch {
-  unsigned threads = 1;
+  unsigned threads = 1;  ///< per rank
+  std::string identity;  ///< of the plan: MPI ranks whose identity differs take no part
   const std::atomic<bool>* stop = nullptr;
   std::function<void(double share)> progress;      ///< one call at a time
-  std::function<void(const SimulationFit&)> done;  ///< one call at a time, in any order
+  std::function<void(const SimulationFit&)> done;  ///< on rank 0, one call at a time, in any order
 };
 
 /// Fits every variant on all recordings and, for every fold, on those that are not held out; fits in `have` are
-/// skipped. Fits and starts are distributed over the threads; the results do not depend on their number.
-/// ErrorKind::work when a variant is refused or an identified twin diverges. After a stop the finished fits have been
-/// passed to `done`; that is no failure.
+/// skipped; `have` of rank 0 counts. Fits and starts are distributed over threads and MPI ranks; the results do not
+/// depend on their number. Collective. ErrorKind::work when a variant is refused or an identified twin diverges; the
+/// other fits are made all the same. After a stop the finished fits have been passed to `done`; that is no failure.
 Result<void> calibrate(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch);
 
 }  // namespace tribotwin::twin::identification

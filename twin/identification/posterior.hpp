@@ -12,6 +12,7 @@
 
 #include <tribotwin/twin/identification/calibration.hpp>
 #include <tribotwin/twin/identification/gauss_newton.hpp>
+#include <tribotwin/twin/numerics/executor/ranks.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/parallel.hpp>
 
@@ -30,7 +31,7 @@ class Counter {
   /// Throws Interrupted.
   void add(double simulations) {
     if (watch_.stop && *watch_.stop) throw Interrupted{};
-    if (!watch_.progress) return;
+    if (!watch_.progress || ranks().several()) return;
     const std::lock_guard lock(mutex_);
     done_ += simulations;
     watch_.progress(std::min(1.0, done_ / total_));

@@ -166,6 +166,13 @@ Status write_file(const fs::path& file, std::string_view bytes, Existing existin
   return fresh->publish();
 }
 
+Status write_unforced(const fs::path& file, std::string_view bytes) {
+  auto fresh = NewFile::create(file, Existing::replace);
+  if (!fresh) return tl::unexpected(fresh.error());
+  if (auto ok = fresh->write(bytes); !ok) return ok;
+  return fresh->publish_unforced();
+}
+
 Status write_derived(const fs::path& file, std::string_view bytes, Existing existing) {
   std::ifstream stream(file, std::ios::binary);
   if (stream && std::equal(std::istreambuf_iterator<char>(stream), {}, bytes.begin(), bytes.end())) return {};
@@ -212,13 +219,18 @@ Status NewFile::write(std::string_view bytes) {
   return {};
 }
 
-Status NewFile::rename_to_final() {
+Status NewFile::rename_only() {
   const int error = existing_ == Existing::refuse                    ? rename_to_free_name(partial_, file_)
                     : ::rename(partial_.c_str(), file_.c_str()) == 0 ? 0
                                                                      : errno;
   if (error == EEXIST) return exists_already(file_);
   if (error != 0) return not_written(file_, error);
   partial_.clear();
+  return {};
+}
+
+Status NewFile::rename_to_final() {
+  if (auto ok = rename_only(); !ok) return ok;
   return sync_folder(folder_of(file_));
 }
 
@@ -229,6 +241,12 @@ Status NewFile::publish() {
 }
 
 Status NewFile::publish_growing() { return rename_to_final(); }
+
+Status NewFile::publish_unforced() {
+  // Network file systems say here what they could not keep.
+  if (!descriptor_.close()) return not_written(file_, errno);
+  return rename_only();
+}
 
 Status sync_folder(const fs::path& folder) {
   const Descriptor entries(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));

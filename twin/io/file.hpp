@@ -29,6 +29,10 @@ Result<void> check_output(const std::filesystem::path& file, Existing existing,
 
 Result<void> write_file(const std::filesystem::path& file, std::string_view bytes, Existing existing);
 
+/// Replaces the file by the whole new one, but does not force it to disk: a kill leaves the old file or the new one, a
+/// machine that loses power perhaps neither. For files that are checked when they are read.
+Result<void> write_unforced(const std::filesystem::path& file, std::string_view bytes);
+
 /// Writes a file derived from other files. An identical file is left alone; a different one counts as an existing file.
 Result<void> write_derived(const std::filesystem::path& file, std::string_view bytes, Existing existing);
 
@@ -51,9 +55,12 @@ class NewFile {
   /// Renames the file to its name while writing continues: a record that others read while it grows. Data are not
   /// forced to disk.
   Result<void> publish_growing();
+  /// Renames the file to its name; neither data nor name are forced to disk.
+  Result<void> publish_unforced();
 
  private:
   NewFile() = default;
+  Result<void> rename_only();
   Result<void> rename_to_final();
 
   std::filesystem::path file_, partial_;

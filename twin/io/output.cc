@@ -13,6 +13,8 @@ namespace {
 
 int stdout_error = 0;  // errno of the first write to stdout that failed
 bool colour_of_stream[] = {false, false};
+bool held_back = false;
+std::string last_error;  // while held back
 
 constexpr std::string_view red = "\033[1;31m", yellow = "\033[1;33m", cyan = "\033[1;36m", plain = "\033[0m";
 
@@ -30,7 +32,11 @@ void prepare_streams() {
     if (::fcntl(stream, F_GETFD) < 0) (void)::open("/dev/null", stream == STDIN_FILENO ? O_WRONLY : O_RDONLY);
 }
 
+void hold_output_back() { held_back = true; }
+const std::string& held_error() { return last_error; }
+
 void print_text(std::string_view text) {
+  if (held_back) return;
   if (stdout_error == 0) stdout_error = write_all(STDOUT_FILENO, text);
 }
 
@@ -55,6 +61,7 @@ void choose_colour(int argc, const char* const* argv) {
 bool coloured(Stream stream) { return colour_of_stream[stream == Stream::messages]; }
 
 void report_text(std::string_view text) {
+  if (held_back) return;
   for (const auto& [word, colour] :
        {std::pair<std::string_view, std::string_view>{"note:", cyan}, {"warning:", yellow}})
     if (text.starts_with(word)) {
@@ -65,6 +72,7 @@ void report_text(std::string_view text) {
 }
 
 int report_error(std::string_view program, Exit code, std::string_view text) {
+  if (held_back) last_error = text;
   report_text(message(fmt::format("{}: {}\n", program, text), program.size() + 1, red));
   return code;
 }
@@ -75,7 +83,8 @@ int finish(std::string_view program, int code) {
                       fmt::format("stdout did not take the whole result ({})", std::strerror(stdout_error)));
 }
 
-Progress::Progress(bool quiet, std::string what) : what_(std::move(what)), on_(!quiet && ::isatty(STDERR_FILENO)) {
+Progress::Progress(bool quiet, std::string what)
+    : what_(std::move(what)), on_(!quiet && !held_back && ::isatty(STDERR_FILENO)) {
   if (!what_.empty()) what_ += ' ';
 }
 

@@ -42,6 +42,10 @@ void note(fmt::format_string<Arguments...> format, Arguments&&... arguments) {
 /// Prints "PROGRAM: MESSAGE" to stderr and returns the code.
 int report_error(std::string_view program, Exit code, std::string_view message);
 
+/// From now on nothing is printed: another process of the same job says it. The last message of report_error is kept.
+void hold_output_back();
+const std::string& held_error();
+
 /// The exit code of a program that ends with `code`: 1, with a message, if stdout did not take the whole result.
 int finish(std::string_view program, int code);
 

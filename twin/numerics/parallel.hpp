@@ -1,7 +1,6 @@
 #pragma once
 
 #include <algorithm>
-#include <atomic>
 #include <cstddef>
 #include <thread>
 #include <vector>
@@ -24,18 +23,6 @@ void in_parallel(std::size_t count, unsigned threads, const Work& work) {
   const std::size_t workers = std::min<std::size_t>(std::max(1u, threads), count);
   in_team(count, threads, [&](std::size_t w) {
     for (std::size_t i = w; i < count; i += workers) work(i);
-  });
-}
-
-/// Calls work(i) for i = 0, 1, ... < count; a free worker takes the next i. Once a call has returned false no further
-/// one begins.
-template <class Work>
-void in_parallel_until_failure(std::size_t count, unsigned threads, const Work& work) {
-  std::atomic<std::size_t> next = 0;
-  std::atomic<bool> failed = false;
-  in_team(count, threads, [&](std::size_t) {
-    for (std::size_t i; !failed && (i = next++) < count;)
-      if (!work(i)) failed = true;
   });
 }
 

@@ -3,13 +3,15 @@
 #include <numbers>
 #include <optional>
 #include <random>
-#include <thread>
+#include <string>
+#include <string_view>
 
 #include <fmt/format.h>
 
 #include <tribotwin/twin/experiments/fault_study/power.hpp>
 #include <tribotwin/twin/identification/samples/samples.hpp>
-#include <tribotwin/twin/numerics/parallel.hpp>
+#include <tribotwin/twin/numerics/executor/bytes.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 
 namespace tribotwin::twin::study {
 namespace {
@@ -144,6 +146,30 @@ Result<Power> power_of_one(const Joint& joint, const HealthyState& healthy, cons
   return power;
 }
 
+std::string to_bytes(const Power& power) {
+  BytesOut out;
+  out.put(power.detection_limit).put<std::uint64_t>(power.roc.size());
+  for (const auto& [severity, false_alarm, detected] : power.roc) out.put(severity).put(false_alarm).put(detected);
+  for (const auto& [name, share] : power.named) out.put(std::string_view(name)).put(share);
+  return out.take();
+}
+
+Power from_bytes(const drive::FaultInfo& fault, const std::string& bytes) {
+  BytesIn in(bytes);
+  Power power{.fault = &fault, .detection_limit = in.get<double>()};
+  power.roc.resize(in.get<std::uint64_t>());
+  for (auto& point : power.roc) {
+    point.severity = in.get<double>();
+    point.false_alarm = in.get<double>();
+    point.detected = in.get<double>();
+  }
+  while (!in.empty()) {
+    const std::string name = in.text();
+    power.named[name] = in.get<double>();
+  }
+  return power;
+}
+
 }  // namespace
 
 Result<std::vector<Power>> power_of(const Campaign& campaign, const LevelStatistics& levels,
@@ -151,15 +177,16 @@ Result<std::vector<Power>> power_of(const Campaign& campaign, const LevelStatist
                                     unsigned threads) {
   const Joint joint(campaign, levels, healthy);
   const auto faults = drive::faults();
-  std::vector<Result<Power>> found(faults.size());
-  identification::in_parallel(
-      faults.size(), threads ? threads : std::thread::hardware_concurrency(),
-      [&](std::size_t i) { found[i] = power_of_one(joint, healthy, faults[i], draws, false_alarm); });
+  const Tasks tasks{
+      .count = faults.size(), .identity = campaign.resolved_yaml, .work = [&](std::size_t i, const std::string&) {
+        return power_of_one(joint, healthy, faults[i], draws, false_alarm).map(to_bytes);
+      }};
+  // What failed would fail again: the draws are a function of the seed.
+  const auto outcome = carry_out(tasks, {.threads = threads, .retries = 0});
+  if (!outcome) return tl::unexpected(outcome.error());
+  if (!outcome->failures.empty()) return tl::unexpected(outcome->failures.front().error);
   std::vector<Power> all;
-  for (auto& one : found) {
-    if (!one) return tl::unexpected(one.error());
-    all.push_back(*std::move(one));
-  }
+  for (std::size_t i = 0; i < faults.size(); ++i) all.push_back(from_bytes(faults[i], outcome->results[i]));
   return all;
 }
 

@@ -30,8 +30,8 @@ struct Power {
   std::vector<Point> roc;
 };
 
-/// Every fault, at temperatures drawn from the learned range, `draws` curves per severity. `threads`: 0: all cores.
-/// ErrorKind::work where a curve cannot be fitted.
+/// Every fault, at temperatures drawn from the learned range, `draws` curves per severity. Collective; `threads` as in
+/// ExecutorOptions. ErrorKind::work where a curve cannot be fitted.
 Result<std::vector<Power>> power_of(const Campaign& campaign, const LevelStatistics& levels,
                                     const diagnosis::HealthyState& healthy, std::size_t draws, double false_alarm,
                                     unsigned threads);

@@ -12,6 +12,7 @@
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/ranks.hpp>
 
 namespace tribotwin::twin::study {
 namespace {
@@ -230,8 +231,10 @@ Result<LabSummary> run_study(const Study& study, const LabOptions& options) {
     if (!judged) return work_failed(judged.error().message);
     all[joint.name] = *std::move(judged);
   }
-  if (auto ok = write_derived(options.directory / "diagnosis.json", all.dump(2) + "\n", options.existing); !ok)
-    return work_failed(ok.error().message);
+  const auto write = [&] {
+    return write_derived(options.directory / "diagnosis.json", all.dump(2) + "\n", options.existing);
+  };
+  if (auto ok = ranks().on_root(write); !ok) return work_failed(ok.error().message);
   sum.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return sum;
 }

@@ -9,6 +9,7 @@
 #include <tribotwin/twin/experiments/friction/results.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
+#include <tribotwin/twin/numerics/executor/ranks.hpp>
 #include <tribotwin/twin/simulation/watch.hpp>
 
 namespace tribotwin::twin {
@@ -62,14 +63,17 @@ Result<LabSummary> run_campaign(const Campaign& campaign, const LabOptions& opti
   if (!completed) return tl::unexpected(completed.error());
   LabSummary summary{.curves = campaign.curves.size(), .present = completed->present};
 
-  std::string all = curve_columns;
-  for (const std::string& text : completed->texts) all += text.substr(std::strlen(curve_columns));
-  const std::filesystem::path file = options.directory / "curves.csv";
-  if (auto ok = write_derived(file, all, options.existing); !ok) return work_failed(ok.error().message);
-
-  const auto table = read_numbers(file, {"speed_rad_s", "load_norm", "temperature_degC", "friction_norm"});
-  if (!table) return work_failed(table.error().message);
-  count_levels(campaign, *table, summary);
+  const auto counted = ranks().on_root([&]() -> Result<void> {
+    std::string all = curve_columns;
+    for (const std::string& text : completed->texts) all += text.substr(std::strlen(curve_columns));
+    const std::filesystem::path file = options.directory / "curves.csv";
+    if (auto ok = write_derived(file, all, options.existing); !ok) return work_failed(ok.error().message);
+    const auto table = read_numbers(file, {"speed_rad_s", "load_norm", "temperature_degC", "friction_norm"});
+    if (!table) return work_failed(table.error().message);
+    count_levels(campaign, *table, summary);
+    return {};
+  });
+  if (!counted) return tl::unexpected(counted.error());
   summary.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return summary;
 }

@@ -9,6 +9,7 @@
 
 namespace tribotwin::twin {
 
+/// Of several MPI ranks rank 0 has all of it, the others `curves` and `present`.
 struct LabSummary {
   std::size_t curves = 0, present = 0;  ///< all; those measured by an earlier run
   std::size_t levels = 0, outside = 0;  ///< rows of curves.csv; those outside the range of the law

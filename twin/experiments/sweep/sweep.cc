@@ -8,6 +8,7 @@
 #include <tribotwin/twin/experiments/sweep/sweep.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/ranks.hpp>
 
 namespace tribotwin::twin::sweep {
 namespace {
@@ -85,7 +86,7 @@ std::vector<std::size_t> batches(const Plan& plan) {
 Result<void> write_results(const Plan& plan, const LabOptions& options, SweepResult& out) {
   const auto write = [&](const char* name, const std::string& bytes) -> Result<void> {
     const fs::path file = options.directory / name;
-    if (auto ok = write_derived(file, bytes, options.existing); !ok) return ok;
+    if (auto ok = ranks().on_root([&] { return write_derived(file, bytes, options.existing); }); !ok) return ok;
     out.files.push_back(file);
     return {};
   };
@@ -126,6 +127,7 @@ Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const
   for (const std::size_t end : batches(plan)) {
     lock.reset();
     LabOptions batch = options;
+    batch.stop = stop;
     const double share_of_all = static_cast<double>(end) / static_cast<double>(plan.runs);
     if (options.progress)
       batch.progress = [&](double share, double left) { options.progress(share * share_of_all, left / share_of_all); };

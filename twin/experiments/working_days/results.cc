@@ -9,6 +9,7 @@
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/ranks.hpp>
 
 namespace tribotwin::twin::repeatability {
 namespace {
@@ -59,7 +60,8 @@ Result<Results> run_campaign(const Campaign& campaign, const LabOptions& options
   tables.push_back({"motion.csv", to_csv(*excitation, *regressor, 250)});
   for (const auto& [name, text] : tables) {
     out->files.push_back(options.directory / name);
-    if (auto ok = write_derived(out->files.back(), text, options.existing); !ok) return work_failed(ok.error().message);
+    const auto write = [&] { return write_derived(out->files.back(), text, options.existing); };
+    if (auto ok = ranks().on_root(write); !ok) return work_failed(ok.error().message);
   }
   return out;
 }

@@ -30,7 +30,8 @@ std::optional<Jackknife> jackknife_by(Solver solution_of, std::span<const Matrix
   const Eigen::ArrayXXd squares = (found.colwise() - VectorXd(found.rowwise().mean())).array().square();
   const auto g = static_cast<double>(groups);
   // Of normal errors the sum of fourth powers is three times what equal ones have.
-  const Eigen::ArrayXd freedom = 3 * squares.rowwise().sum().square() / squares.square().rowwise().sum() - 1;
+  const Eigen::ArrayXd fourth = squares.square().rowwise().sum();  // 0 of what a prior alone tells
+  const Eigen::ArrayXd freedom = (fourth > 0).select(3 * squares.rowwise().sum().square() / fourth - 1, 1);
   return Jackknife{.variance = (g - 1) / g * squares.rowwise().sum(), .freedom = freedom.max(1).min(g - 1)};
 }
 

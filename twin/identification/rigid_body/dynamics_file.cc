@@ -367,29 +367,11 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   const YAML::Node root = load_yaml(file);
   refuse_other_kind(root, file.string(), "tribotwin dynamics");
   Mapping in(file.string(), "", root);
-  in.accept({"model",
-             "data",
-             "friction_law",
-             "estimator",
-             "signals",
-             "coupling",
-             "drive_gains",
-             "torque_max_nm",
-             "relative_error",
-             "condition_number",
-             "base_parameters",
-             "friction",
-             "friction_correlation",
-             "left_out",
-             "lag",
-             "thermal",
-             "noise",
-             "physically_possible",
-             "distance_sigma",
-             "chance",
-             "ranges",
-             "consistent",
-             "nearest_consistent"});
+  in.accept({"model",           "data",        "friction_law",         "estimator",      "signals",
+             "coupling",        "drive_gains", "torque_max_nm",        "relative_error", "condition_number",
+             "base_parameters", "friction",    "friction_correlation", "left_out",       "lag",
+             "thermal",         "noise",       "physically_possible",  "distance_sigma", "chance",
+             "ranges",          "consistent",  "nearest_consistent"});
   DynamicsFile out;
   out.law = or_wrong_input(dynamics_law(in.text("friction_law"), file.string() + ": friction_law"));
   auto parameters = in.mapping("base_parameters");

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/twin/commands/calibrate_campaign.hpp>
+#include <tribotwin/twin/commands/calibrate/campaign.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
 /// The results of `tribotwin calibrate`: in memory, as calibration.json, as a table, and as twins that run.

@@ -6,7 +6,7 @@
 #include <fnmatch.h>
 #include <glob.h>
 
-#include <tribotwin/twin/commands/calibrate_campaign.hpp>
+#include <tribotwin/twin/commands/calibrate/campaign.hpp>
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>

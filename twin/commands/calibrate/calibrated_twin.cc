@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/commands/calibrate_results.hpp>
+#include <tribotwin/twin/commands/calibrate/results.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 
 namespace tribotwin::twin::program {

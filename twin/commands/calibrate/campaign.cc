@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/commands/calibrate_campaign.hpp>
+#include <tribotwin/twin/commands/calibrate/campaign.hpp>
 #include <tribotwin/twin/control/dc_position_keys.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/io/text.hpp>

@@ -1,0 +1,227 @@
+"""tribotwin on MPI ranks: the same bytes as on threads, whatever is killed; one program prints. Arguments: program,
+source tree; kills of the job (default 3), tasks of the job that is killed (default 80), a seed."""
+import glob, json, os, random, re, shutil, signal, subprocess, sys, time
+
+import h5py
+import numpy as np
+
+import harness
+from harness import check, content, finish, path, work
+from pendulum import PENDULUM
+
+program, source = sys.argv[1], sys.argv[2]
+kills, tasks, seed = (int(x) for x in (sys.argv[3:] + ["3", "80", "1"][len(sys.argv) - 3 :]))
+
+# Loopback, shared memory, and root, as in a container.
+environment = {
+    **os.environ,
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_btl": "self,vader",
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "OMPI_MCA_plm": "isolated",
+}
+
+
+def on_ranks(ranks, *arguments, **options):
+    return harness.run("mpirun", "-n", ranks, program, *arguments, env=environment, timeout=120, **options)
+
+
+def files(folder, but=()):
+    """Content by name; wall times and what HDF5 says of the clock left out."""
+    found = {}
+    for name in sorted(glob.glob(path(folder, "**"), recursive=True)):
+        key = os.path.relpath(name, path(folder))
+        if not os.path.isfile(name) or os.path.basename(name) in but:
+            continue
+        if name.endswith(".h5"):
+            with h5py.File(name) as f:
+                columns = {}
+                f.visititems(lambda k, x: columns.update({k: x[()].tobytes()}) if isinstance(x, h5py.Dataset) else None)
+                found[key] = columns
+        else:
+            text = open(name).read()
+            found[key] = re.sub(r'"(wall_s|realtime_factor)": [^,]*,', "", text)
+    return found
+
+
+def write(name, text):
+    with open(path(name), "w") as f:
+        f.write(text)
+
+
+write("pendulum.xml", PENDULUM)
+write(
+    "lab.yaml",
+    "model: pendulum.xml\njoint: hinge\nprocedure: plus_minus\nspeeds_rad_s: [100, 200]\nlevel_noise_nm: 0.001\n"
+    "series:\n  - {name: grid, load: {by: torque, norm: {from: 0, to: 0.5, count: 12}}, "
+    "temperature: {prescribed_degC: 40}}\n",
+)
+motion = "motion: {type: cycle, speed_rad_s: 1, waypoints: [{position_rad: 0}, {position_rad: 0.5}]}\n"
+write(
+    "vary.yaml",
+    "model: pendulum.xml\nduration_s: 5\ntelemetry_rate_hz: 100\nvary: [{temperature_degC: [20, 30, 40, 50, 60]}]\n"
+    + motion,
+)
+t = np.arange(0, 2, 0.01)
+for kp in (200, 300, 400):
+    entries = [
+        {"timestamp": x, "goal_position": 0.6 * np.sin(3 * x), "position": 0.54 * np.sin(3 * (x - 0.05)), "temp": 30}
+        for x in t
+    ]
+    write("made_%d.json" % kp, json.dumps({"kp": kp, "trajectory": "sine", "entries": entries}))
+write(
+    "fit.yaml",
+    """recordings: {files: made_*.json}
+hold_out: {folds: by gain}
+search: {starts: 2, evaluations: 16}
+control: {error_gain: 0.0028774, supply_V: 7.4, resistance_ohm: 3.4, kt_nm_A: 0.36}
+variants:
+  - label: load
+    model: pendulum.xml
+    law: load
+    drive: {Fc0: {start: 0.02, low: 0.002, high: 0.06, sigma: 1, scale: logarithmic}, Fcl: 0.3, Fs0: 0, Fsl: 0.1,
+      vs: 100, alpha: 1.4, Fv: 3e-5}
+""",
+)
+
+# The same bytes on one thread, several threads, several ranks; one program speaks.
+for name, arguments in {
+    "lab": ("lab", "lab.yaml"),
+    "run": ("run", "vary.yaml"),
+    "calibrate": ("calibrate", "fit.yaml"),
+}.items():
+    alone = harness.run(program, *arguments, "-o", name + "1", "--threads", "1")
+    truth = files(name + "1")
+    check("%s on one thread" % name, alone.returncode == 0 and truth, alone.stderr)
+    r = harness.run(program, *arguments, "-o", name + "8", "--threads", "8")
+    check("%s on eight threads: the same bytes" % name, r.returncode == 0 and files(name + "8") == truth, r.stderr)
+    r = on_ranks(4, *arguments, "-o", name + "4")
+    check("%s on four ranks: the same bytes" % name, r.returncode == 0 and files(name + "4") == truth, r.stderr)
+    plain = lambda text: re.sub(name + r"[14]\b|[0-9.]+ s\b", "", text)
+    check("%s: rank 0 prints, once" % name, plain(r.stdout) == plain(alone.stdout), (r.stdout, alone.stdout))
+    check("%s: and warns once" % name, plain(r.stderr) == plain(alone.stderr), (r.stderr, alone.stderr))
+
+# Errors: said once, the exit code is that of rank 0.
+r = harness.run(
+    "mpirun", "-n", 2, program, "lab", "lab.yaml", "-o", path("partly"), "--quiet", ":",
+    "-n", 1, "--wdir", "/", program, "lab", "lab.yaml", "-o", path("partly"), "--quiet", env=environment,
+)  # fmt: skip
+check(
+    "a rank that cannot read its input is named, the others do its work",
+    r.returncode == 0 and files("partly") == files("lab1") and r.stderr.count("failed and rank 0 did not") == 1,
+    (r.returncode, r.stderr),
+)
+r = on_ranks(3, "lab", "none.yaml", "-o", "never")
+check("wrong input", r.returncode == 2 and r.stderr.count("none.yaml: ") == 1, (r.returncode, r.stderr))
+r = on_ranks(3, "lab", "lab.yaml", "-o", "lab1", "--set", "level_noise_nm=0.002")
+check(
+    "another campaign's folder", r.returncode == 2 and r.stderr.count("another campaign") == 1, (r.returncode, r.stderr)
+)
+r = on_ranks(3, "run", "vary.yaml", "-o", "run1")
+check("a folder that holds a run", r.returncode == 2 and r.stderr.count("holds a run") == 1, (r.returncode, r.stderr))
+check("and it stays", files("run1") == files("run8"))
+r = harness.run(
+    "mpirun", "-n", 1, program, "run", "vary.yaml", "-o", "apart1", "--quiet", ":",
+    "-n", 1, program, "run", "vary.yaml", "-o", "apart2", "--quiet", env=environment,
+)  # fmt: skip
+check(
+    "ranks with different arguments are programs of their own",
+    r.returncode == 0 and files("apart1") == files("apart2") == files("run1") and "different arguments" in r.stderr,
+    (r.returncode, r.stderr),
+)
+
+# N programs never write into one folder because they do not know of each other.
+lonely = path("bin")
+os.mkdir(lonely)
+shutil.copy(program, lonely)
+for name, how, says in (
+    ("without the MPI part", ["mpirun", "-n", "2", lonely + "/tribotwin"], "no MPI"),
+    ("without PMI", [program], "srun --mpi=pmix"),
+):
+    slurm = {"SLURM_PROCID": "0", "SLURM_STEP_NUM_TASKS": "2"} if name == "without PMI" else {}
+    r = harness.run(*how, "lab", "lab.yaml", "-o", "never", env={**environment, **slurm})
+    check(name, r.returncode == 1 and says in r.stderr and "2 ranks" in r.stderr, (r.returncode, r.stderr))
+    check(name + ": nothing is written", not os.path.exists(path("never")))
+r = harness.run(lonely + "/tribotwin", "lab", "lab.yaml", "-o", "alone", "--quiet")
+check("one process needs no MPI", r.returncode == 0 and files("alone") == files("lab1"), r.stderr)
+
+# kill -9 of a worker, of rank 0, or of the whole job, until the campaign is complete: nothing lost, nothing doubled.
+write("many.yaml", content("lab.yaml").replace("[100, 200]", "[200]").replace("count: 12", "count: %d" % tasks))
+r = harness.run(program, "lab", "many.yaml", "-o", "undisturbed")
+check("the job to be killed, undisturbed", r.returncode == 0, r.stderr)
+truth = files("undisturbed")
+instants = random.Random(seed)
+tally = {}
+
+
+def processes_of(job):
+    """Ranks of the job in their order."""
+    found = {}
+    for name in glob.glob("/proc/[0-9]*/environ"):
+        try:
+            variables = dict(x.split("=", 1) for x in open(name).read().split("\0") if "=" in x)
+            command = open(name.replace("environ", "cmdline")).read().split("\0")
+        except OSError:
+            continue
+        if command[0] == program and variables.get("TRIBOTWIN_TEST_JOB") == job:
+            found[int(variables["OMPI_COMM_WORLD_RANK"])] = int(name.split("/")[2])
+    return found
+
+
+def whole(curve):
+    with open(curve) as f:
+        return f.read()
+
+
+def wait_for_tasks(process, folder, more):
+    """Until so many parts more are on disk, or the job has ended."""
+    count = lambda: len(glob.glob(path(folder, "curves", "[0-9]*.csv")))
+    wanted = count() + more
+    while process.poll() is None and count() < wanted:
+        time.sleep(0.002)
+
+
+killed = rounds = 0
+while killed < kills:
+    folder = "killed%d" % rounds
+    rounds += 1
+    made = {}  # the time at which each part was made
+    for attempt in range(1000):
+        job = "%d.%d" % (os.getpid(), killed)
+        command = ["mpirun", "-n", "4", program, "lab", "many.yaml", "-o", folder, "--quiet"]
+        p = subprocess.Popen(
+            command, cwd=work, env={**environment, "TRIBOTWIN_TEST_JOB": job}, stdout=-3, stderr=-3,
+            start_new_session=True,
+        )  # fmt: skip
+        if killed < kills:
+            wait_for_tasks(p, folder, instants.randint(0, max(1, tasks // 8)))
+            victims = processes_of(job)
+            whom = instants.choice(["worker", "rank 0", "job"])
+            if p.poll() is None and len(victims) == 4:
+                if whom == "job":
+                    os.killpg(p.pid, signal.SIGKILL)
+                    for victim in victims.values():
+                        os.kill(victim, signal.SIGKILL)
+                else:
+                    os.kill(victims[0 if whom == "rank 0" else instants.randint(1, 3)], signal.SIGKILL)
+                killed += 1
+                tally[whom] = tally.get(whom, 0) + 1
+        code = p.wait(120)
+        while processes_of(job):  # mpirun ends before its last rank does
+            time.sleep(0.01)
+        there = {name: os.stat(name).st_mtime_ns for name in glob.glob(path(folder, "curves", "[0-9]*.csv"))}
+        sums = dict(reversed(x.split(" ")) for x in content(folder + "/checksums").splitlines() if x.count(" ") == 1) \
+            if os.path.exists(path(folder, "checksums")) else {}  # fmt: skip
+        again = [n for n, when in made.items() if there.get(n) != when]
+        if again:
+            check("no finished part is lost or made twice", False, (folder, whom, again[:3]))
+        made = {n: when for n, when in there.items() if os.path.basename(n) in sums}
+        if code == 0:
+            break
+    if files(folder) != truth:
+        check("%s is as if undisturbed" % folder, False, sorted(set(files(folder)) ^ set(truth)))
+    shutil.rmtree(path(folder))
+check("%d kills in %d jobs: 0 lost, 0 doubled, the same bytes" % (killed, rounds), killed >= kills, note=str(tally))
+
+finish()

@@ -1,0 +1,143 @@
+// Parts as files: what was finished is not repeated, what fails is recorded, whatever a kill has left.
+#include <atomic>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <mutex>
+#include <set>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::ElementsAre, testing::HasSubstr, testing::IsEmpty;
+
+constexpr const char* campaign = "# MuJoCo, model\nname: test\n";
+
+std::string read(const fs::path& file) {
+  std::ifstream stream(file);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+class Parts : public testing::Test {
+ protected:
+  Parts() : folder_(fs::path(testing::TempDir()) / fmt::format("parts_{}", ::getpid())) { fs::remove_all(folder_); }
+  ~Parts() override { fs::remove_all(folder_); }
+
+  Result<Completed> run(unsigned threads = 1) {
+    made_.clear();
+    ResumableJobs jobs{.folder = "parts",
+                       .files = {},
+                       .whole = [](std::size_t, const std::string& text) { return text.ends_with('\n'); },
+                       .make = [this](std::size_t i) -> Result<std::string> {
+                         {
+                           const std::lock_guard lock(mutex_);
+                           made_.insert(i);
+                         }
+                         if (failing_.contains(i)) return work_failed("diverged, \"quickly\"");
+                         return fmt::format("part {}\n", i);
+                       }};
+    for (std::size_t i = 0; i < 12; ++i) jobs.files.push_back(fmt::format("{:02}.txt", i));
+    return complete(campaign, jobs, {.directory = folder_, .threads = threads});
+  }
+  std::string sums() const { return read(folder_ / "checksums"); }
+
+  const fs::path folder_;
+  std::mutex mutex_;
+  std::multiset<std::size_t> made_;
+  std::set<std::size_t> failing_;
+};
+
+TEST_F(Parts, AreTheSameOnAnyNumberOfThreads) {
+  const auto on_threads = [&](unsigned threads) {
+    fs::remove_all(folder_);
+    EXPECT_TRUE(run(threads));
+    return sums() + read(folder_ / "parts/07.txt");
+  };
+  const std::string one = on_threads(1);
+  EXPECT_EQ(std::ranges::count(one, '\n'), 13);
+  EXPECT_EQ(on_threads(8), one);
+}
+
+TEST_F(Parts, AreForOneProcessAtATime) {
+  const auto first = run();
+  ASSERT_TRUE(first);
+  const auto second = run();
+  ASSERT_FALSE(second);
+  EXPECT_THAT(second.error().message, HasSubstr("another run is writing"));
+}
+
+TEST_F(Parts, ThatAreThereStay) {
+  ASSERT_TRUE(run(8));
+  const std::string before = sums();
+  const auto again = run(8);
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->present, 12u);
+  EXPECT_THAT(made_, IsEmpty());
+  EXPECT_EQ(sums(), before);
+}
+
+TEST_F(Parts, ThatFailAreRecordedAndTheOthersComplete) {
+  failing_ = {3, 8};
+  const auto outcome = run(4);
+  ASSERT_FALSE(outcome);
+  EXPECT_EQ(outcome.error().kind, ErrorKind::work);
+  EXPECT_THAT(outcome.error().message, HasSubstr("2 of 12 parts failed"));
+  EXPECT_THAT(outcome.error().message, HasSubstr("parts/03.txt: diverged, \"quickly\" (2 attempts); parts/08.txt"));
+  EXPECT_EQ(read(folder_ / "failures.csv"),
+            "part,attempts,message\nparts/03.txt,2,\"diverged, \"\"quickly\"\"\"\n"
+            "parts/08.txt,2,\"diverged, \"\"quickly\"\"\"\n");
+  EXPECT_EQ(std::ranges::count(sums(), '\n'), 10);
+
+  failing_ = {};
+  const auto again = run(4);
+  ASSERT_TRUE(again);
+  EXPECT_THAT(made_, ElementsAre(3, 8));
+  EXPECT_FALSE(fs::exists(folder_ / "failures.csv"));
+}
+
+TEST_F(Parts, WhoseChecksumWasCutAreMadeAgain) {
+  ASSERT_TRUE(run());
+  const std::string whole = sums();
+  for (const std::size_t cut : {whole.size() - 1, whole.size() - 9, std::size_t{5}}) {
+    std::ofstream(folder_ / "checksums") << whole.substr(0, cut);
+    const auto lines = std::ranges::count(whole.substr(0, cut), '\n');
+    const auto again = run();
+    ASSERT_TRUE(again) << cut;
+    EXPECT_EQ(std::ssize(made_), 12 - lines) << cut;
+    EXPECT_EQ(sums(), whole) << cut;
+  }
+}
+
+TEST_F(Parts, ThatWereChangedAreMadeAgain) {
+  ASSERT_TRUE(run());
+  std::ofstream(folder_ / "parts/05.txt") << "part 6\n";
+  fs::remove(folder_ / "parts/09.txt");
+  ASSERT_TRUE(run());
+  EXPECT_THAT(made_, ElementsAre(5, 9));
+}
+
+TEST_F(Parts, CostTheSameHoweverManyThereAre) {
+  // Lines are appended: in the order of one thread `checksums` is never written anew, so it stays one file.
+  failing_ = {11};
+  ASSERT_FALSE(run());
+  const auto inode = [&] {
+    struct stat found {};
+    return ::stat((folder_ / "checksums").c_str(), &found) == 0 ? found.st_ino : 0;
+  };
+  const auto before = inode();
+  failing_ = {};
+  ASSERT_TRUE(run());
+  EXPECT_EQ(inode(), before);
+}
+
+}  // namespace
+}  // namespace tribotwin::twin
