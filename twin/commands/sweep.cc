@@ -208,7 +208,8 @@ void add_sweep(CLI::App& app, int& code) {
   command->add_option("PLAN", a->plan, "Plan file, or the name of a shipped one");
   command->add_option("-o,--output", a->directory,
                       "Folder for the results; continues a sweep that was interrupted there");
-  command->add_option("--threads", a->threads, "Runs at once (default: one per core)")->check(CLI::Range(1, 1024));
+  command->add_option("--threads", a->threads, "Runs at once (default: one per core; under mpirun, per rank: 1)")
+      ->check(CLI::Range(1, 1024));
   auto* dry_run = command->add_flag("--dry-run", a->dry_run, "Make one run, say how long all take, write nothing");
   auto* status = command->add_flag("--status", a->status, "Say how far the sweep in the folder of -o is; reads only");
   command->add_option("--run", a->run, "Make run N of the plan alone, with telemetry, as 'tribotwin run' does")

@@ -38,7 +38,7 @@ std::size_t lower_rank(std::size_t n, double p, double tail) {
 }
 
 /// Ranks from 1, ties at their mean.
-std::vector<double> ranks(std::span<const double> values) {
+std::vector<double> ranks_of(std::span<const double> values) {
   std::vector<std::size_t> order(values.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::ranges::sort(order, [&](std::size_t a, std::size_t b) { return values[a] < values[b]; });
@@ -136,7 +136,7 @@ Estimated quantile(std::span<const double> ascending, double p) {
 
 std::optional<Estimated> rank_correlation(std::span<const double> x, std::span<const double> y) {
   if (x.size() < 4) return {};
-  const auto a = ranks(x), b = ranks(y);
+  const auto a = ranks_of(x), b = ranks_of(y);
   const double mean = (static_cast<double>(x.size()) + 1) / 2, aa = squares_of(a, mean), bb = squares_of(b, mean);
   if (aa == 0 || bb == 0) return {};
   double ab = 0;

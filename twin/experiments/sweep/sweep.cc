@@ -86,8 +86,9 @@ std::vector<std::size_t> batches(const Plan& plan) {
 Result<void> write_results(const Plan& plan, const LabOptions& options, SweepResult& out) {
   const auto write = [&](const char* name, const std::string& bytes) -> Result<void> {
     const fs::path file = options.directory / name;
+    if (auto ok = ranks().on_root([&] { return write_derived(file, bytes, options.existing); }); !ok) return ok;
     out.files.push_back(file);
-    return ranks().on_root([&] { return write_derived(file, bytes, options.existing); });
+    return {};
   };
   if (auto ok = write("results.csv", results_csv(plan, out.runs)); !ok) return ok;
   if (const auto bands = bands_csv(plan, out.runs); !bands.empty())
@@ -126,7 +127,7 @@ Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const
   for (const std::size_t end : batches(plan)) {
     lock.reset();
     LabOptions batch = options;
-    batch.stop = stop;  // what it ends is no failure
+    batch.stop = stop;
     const double share_of_all = static_cast<double>(end) / static_cast<double>(plan.runs);
     if (options.progress)
       batch.progress = [&](double share, double left) { options.progress(share * share_of_all, left / share_of_all); };
