@@ -8,6 +8,7 @@ packages=(
   nlohmann-json3-dev libhdf5-dev libexpected-dev
   libzip-dev libmatio-dev                              # tables in .npz and .mat
   liblz4-dev libzstd-dev                               # chunks of .mcap
+  libsqlite3-dev                                       # the store of a fleet
   libceres-dev libboost-dev                            # identification: trust region, distributions
   libosmesa6-dev liblodepng-dev libpango1.0-dev pkg-config   # pictures
   gnuplot-nox fonts-dejavu-core                              # run by tribotwin-report

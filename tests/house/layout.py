@@ -42,6 +42,7 @@ ORDER = {
         "identification/experiment_design",
         "gears",
         "diagnosis",
+        "diagnosis/fleet",
         "experiments",
         "experiments/friction",
         "experiments/fault_study",

@@ -100,17 +100,22 @@ def full_disk(variant, truth, calls):
         hint = (
             reached and how == "once" and "fallocate" in failed_at[0]
         )  # space that cannot be kept in advance may be there later
+        hint |= reached and command.name.startswith("fleet") and "sync" in failed_at[0] and os.path.isdir(failed_at[1])
         if r.code == 0 and (hint or not reached):
             complaints += missing(r, truth)
             forget(r)
             return f"change {n} ({how})", complaints, litter
         if r.code != 1:
             complaints.insert(0, f"exit code {r.code}")
-        if REASON not in r.stderr:
+        # SQLite tries again to open its files, without making them, and says why that failed; of a sync it says less.
+        unsaid = command.name.startswith("fleet") and (
+            failed_at[0].startswith("open") or "disk I/O error" in r.stderr and "sync" in failed_at[0]
+        )
+        if REASON not in r.stderr and not unsaid:
             complaints.append(f"the reason is not said: {r.stderr[-200:]!r}")
         # What is left of a short write may have its place on the disk already: then a later change is the first that
         # fails.
-        elif not any(
+        elif not unsaid and not any(
             names_the_file(r.stderr, call) for call in (r.calls[n - 1 :] if how == "short" and reached else [failed_at])
         ):
             complaints.append(f"the file is not named: {r.stderr[-200:]!r}")

@@ -3,8 +3,8 @@ any of them in a folder of its own, and the judgement of what it left there.
 
 Options: --tribotwin, --hil, --report (may be left out where it is not built), --source, --shim; --all for the long
 form, --only WORD for the commands whose name holds it, --keep to leave the folder."""
-import argparse, collections, concurrent.futures, dataclasses, json, logging, os, re, shutil, signal, socket
-import subprocess, sys, threading, time
+import argparse, collections, concurrent.futures, contextlib, dataclasses, json, logging, os, re, shutil, signal
+import socket, sqlite3, subprocess, sys, threading, time
 
 import h5py
 import numpy as np
@@ -217,6 +217,13 @@ commands = [
             ("tribotwin", "diagnose", "check", "{in}/healthy.yaml", "{in}/healthy.csv", "-o", "verdicts.txt"),
             ("verdicts.txt",),
             stream="verdicts.txt",
+        ),
+        # Made or added to, never replaced: a folder to the rules above.
+        Command(
+            "fleet learn",
+            ("tribotwin", "fleet", "learn", "{in}/fleet.csv", "-o", "fleet.db", "--threads", "1"),
+            ("fleet.db/",),
+            resumable=True,
         ),
         Command(
             "hil drive",
@@ -560,6 +567,20 @@ def wrong_session(data, ended):
 LOG_LINE = re.compile(rb"\(\d+\.\d{6}\) \S+ [0-9A-F]{3,8}#[0-9A-FR]*")
 
 
+def rows_of(data):
+    """All of a SQLite file; None where it is none. A new one that nothing was committed to has no rows."""
+    path = os.path.join(new_folder(), "store.db")
+    with open(path, "wb") as f:
+        f.write(data)
+    try:
+        with contextlib.closing(sqlite3.connect(path)) as db:
+            return list(db.iterdump())
+    except sqlite3.DatabaseError:
+        return None
+    finally:
+        shutil.rmtree(os.path.dirname(path))
+
+
 def not_whole(name, data, truth):
     """What is wrong with a result; nothing where it is that of an undisturbed run."""
     if (
@@ -572,6 +593,8 @@ def not_whole(name, data, truth):
             return wrong_rows(found, columns(truth), True) or (
                 "" if found["complete"] == columns(truth)["complete"] else "is not marked as the undisturbed one"
             )
+        if name.endswith(".db"):
+            return "" if rows_of(data) == rows_of(truth) else "has other rows"
         if name.endswith(".log"):
             lines = data.split(b"\n")
             return (
@@ -606,6 +629,8 @@ def wrong_part(name, data, truth, killed):
         return not_whole(name, data[: data.rfind(b"\n") + 1] if killed else data, truth)
     if name.endswith(".session"):
         return wrong_session(data[: data.rfind(b"\n") + 1] if killed else data, False)
+    if name.endswith(".db"):  # its journal undoes what is half; that it does is seen when the command runs again
+        return "" if killed else "is not whole"
     if name.endswith(".csv"):
         return (
             ""
@@ -623,7 +648,9 @@ def wrong_part(name, data, truth, killed):
     return "is not whole"
 
 
-HIDDEN = re.compile(r"\..+\.partial-[A-Za-z0-9]+")  # what a killed process may leave; run.lock holds nobody off
+HIDDEN = re.compile(
+    r"\..+\.partial-[A-Za-z0-9]+|.+\.db-journal"
+)  # what a killed process may leave; run.lock holds nobody off
 
 
 def judge(command, outcome, truth, killed=False):
@@ -811,6 +838,13 @@ def write_measurements(random):
         friction / 130,
         friction,
         0 * v + 0.02,
+    )
+    write(
+        "fleet.csv",
+        "robot,joint,date,speed_rad_s,temperature_degC,friction_nm\n"
+        + "".join(
+            f"R{i // 15 % 2},hinge,2026-11-{i // 30 + 1:02},{v[i]},{T[i]},{friction[i]}\n" for i in range(v.size)
+        ),
     )
     write_table(
         "curves.csv",

@@ -14,6 +14,7 @@
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
+#include <tribotwin/twin/numerics/executor/ranks.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -163,15 +164,17 @@ Json json_of(const sweep::SweepResult& result) {
 }
 
 Result<Exit> execute(const Arguments& a) {
+  if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
   if (a.directory.empty() && !a.dry_run)
     throw InputError("-o: is missing: the folder for the results (or use --dry-run)");
+  const bool divided = !a.status && !a.dry_run && !a.run;
+  if (!divided && !ranks().root()) return done;
   if (a.status) return show_status(a);
   if (a.plan.empty()) throw InputError("sweep needs a plan, for example irb6620_sweep");
   catch_interrupts();
   const sweep::Plan plan = or_throw(sweep::load_plan(given_or_shipped(a.plan, ".yaml")));
   if (a.dry_run) return foretell(a, plan);
   if (a.run) return repeat(a, plan);
-  if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
   const auto result = [&] {
     Progress progress(a.quiet, fmt::format("{} runs", plan.runs));
     return sweep::run_sweep(plan,

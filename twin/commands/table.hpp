@@ -10,11 +10,11 @@ namespace tribotwin::twin::program {
 using AddCommand = void(CLI::App& app, int& code);
 
 AddCommand add_run, add_curve, add_lab, add_identify, add_calibrate, add_dynamics, add_predict, add_excite, add_thermal,
-    add_diagnose, add_sweep, add_recover, add_export, add_list, add_add_drives;
+    add_diagnose, add_fleet, add_sweep, add_recover, add_export, add_list, add_add_drives;
 
 /// In the order of the help.
-constexpr AddCommand* commands[] = {add_run,      add_sweep,     add_add_drives, add_curve,   add_lab,
-                                    add_identify, add_calibrate, add_dynamics,   add_predict, add_excite,
-                                    add_thermal,  add_diagnose,  add_recover,    add_export,  add_list};
+constexpr AddCommand* commands[] = {add_run,       add_sweep,    add_add_drives, add_curve,  add_lab,     add_identify,
+                                    add_calibrate, add_dynamics, add_predict,    add_excite, add_thermal, add_diagnose,
+                                    add_fleet,     add_recover,  add_export,     add_list};
 
 }  // namespace tribotwin::twin::program

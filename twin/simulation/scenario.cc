@@ -40,10 +40,10 @@ std::vector<DriveChange> drive_changes(Mapping& in) {
   auto drives = in.mapping("drives");
   if (!drives) return changes;
   for (const auto& joint : drives->names()) {
-    auto of_joint = drives->mapping(joint);
-    if (!of_joint) drives->fail(joint, "must be a mapping of the drive's keys, for example {Fc0: 0.03}");
+    auto replaced = drives->mapping(joint);
+    if (!replaced) drives->fail(joint, "must be a mapping of the drive's keys, for example {Fc0: 0.03}");
     DriveChange& change = changes.emplace_back(DriveChange{.joint = joint, .keys = {}});
-    for (const auto& key : of_joint->names()) change.keys.emplace_back(key, of_joint->text(key));
+    for (const auto& key : replaced->names()) change.keys.emplace_back(key, replaced->text(key));
   }
   return changes;
 }

@@ -86,9 +86,8 @@ std::vector<std::size_t> batches(const Plan& plan) {
 Result<void> write_results(const Plan& plan, const LabOptions& options, SweepResult& out) {
   const auto write = [&](const char* name, const std::string& bytes) -> Result<void> {
     const fs::path file = options.directory / name;
-    if (auto ok = ranks().on_root([&] { return write_derived(file, bytes, options.existing); }); !ok) return ok;
     out.files.push_back(file);
-    return {};
+    return ranks().on_root([&] { return write_derived(file, bytes, options.existing); });
   };
   if (auto ok = write("results.csv", results_csv(plan, out.runs)); !ok) return ok;
   if (const auto bands = bands_csv(plan, out.runs); !bands.empty())

@@ -1,0 +1,402 @@
+#include <algorithm>
+#include <cmath>
+
+#include <tribotwin/twin/diagnosis/fleet/estimates.hpp>
+#include <tribotwin/twin/numerics/linear_algebra.hpp>
+
+namespace tribotwin::twin::diagnosis::fleet {
+namespace {
+
+using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+
+constexpr std::array persistences{0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98};  ///< of deviations, per day
+constexpr std::array<std::size_t, 10> lags{1, 2, 3, 4, 6, 8, 12, 16, 24, 32};            ///< of pairs, in observations
+constexpr double collinear = 0.998;   ///< two causes of scatter that agree so well over all pairs cannot be separated
+constexpr double floor_share = 1e-3;  ///< minimum of the measurement's share in the scatter
+constexpr std::size_t between_robots = 2000;  ///< at most so many take part in the slow estimates
+constexpr int between_rounds = 200;
+constexpr std::size_t window_days = 10;        ///< for which the uncertainty of phi is computed
+constexpr std::size_t likelihood_rows = 6000;  ///< at most so many take part in the likelihood of the scatter
+
+/// T and T^2 in temperature_unit_K.
+Eigen::Vector2d powers(const Row& row) {
+  const double t = row.temperature_degC / temperature_unit_K;
+  return {t, t * t};
+}
+
+/// For one phi: least squares of the pairs' half products on what causes them: measurement, day, slope of the robot.
+struct PairSums {
+  Eigen::Matrix3d gram = Eigen::Matrix3d::Zero();
+  MatrixXd moment;  // 3 x p p
+
+  void add(const Eigen::Vector3d& causes, const VectorXd& half_product, double weight) {
+    gram += weight * causes * causes.transpose();
+    moment += weight * causes * half_product.transpose();
+  }
+  /// Coefficients by rows; causes that cannot be separated from an earlier one get 0.
+  MatrixXd solution() const {
+    std::vector<Index> kept{0};
+    for (Index i = 1; i < 3; ++i) {
+      const double own = gram(i, i) * gram(0, 0);
+      if (own > 1e-12 * gram(0, 0) * gram(0, 0) && std::abs(gram(i, 0)) < collinear * std::sqrt(own)) kept.push_back(i);
+    }
+    MatrixXd all = MatrixXd::Zero(3, moment.cols());
+    all(kept, Eigen::all) = least_squares_solutions(gram(kept, kept), moment(kept, Eigen::all));
+    return all;
+  }
+};
+
+class Variogram {
+ public:
+  Variogram(const WithinRobots& within, std::size_t which, const RegionModel& model)
+      : slopes_(within.slopes.middleCols(regions[which].first, regions[which].count)),
+        unit_(within.residual.diagonal().segment(regions[which].first, regions[which].count).cwiseSqrt()),
+        which_(which),
+        typical_(model.typical_scatter) {
+    for (auto& s : sums_) s.moment = MatrixXd::Zero(3, unit_.size() * unit_.size());
+  }
+
+  void add(const Rows& rows) {
+    const auto& r = regions[which_];
+    MatrixXd rest(r.count, static_cast<Index>(rows.size()));
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      VectorXd y = rows[i].logarithmic.segment(r.first, r.count);
+      if (std::isfinite(rows[i].temperature_degC)) y -= slopes_.transpose() * powers(rows[i]);
+      rest.col(static_cast<Index>(i)) = y.cwiseQuotient(unit_);
+    }
+    for (const std::size_t lag : lags)
+      for (std::size_t i = 0; i + lag < rows.size(); ++i)
+        add_pair(rows[i], rows[i + lag], rest.col(static_cast<Index>(i)) - rest.col(static_cast<Index>(i + lag)));
+  }
+
+  /// W and lambda that belong to persistences[k].
+  void finish(std::size_t k, RegionModel& out) const {
+    const MatrixXd solution = sums_[k].solution();
+    const Index p = unit_.size();
+    const auto matrix = [&](Index row) {
+      const VectorXd flat = solution.row(row);
+      return MatrixXd(flat.reshaped(p, p));
+    };
+    diagonalise(matrix(0), matrix(1), out);
+    out.persistence = persistences[k];
+    out.decouple *= unit_.cwiseInverse().asDiagonal();
+  }
+
+ private:
+  double v(const Row& row) const {
+    return typical_ > 0 && row.scatter[which_] > 0 ? row.scatter[which_] / typical_ : 1;
+  }
+
+  void add_pair(const Row& a, const Row& b, const VectorXd& difference) {
+    const double days = std::abs(b.day - a.day), mean_v = (v(a) + v(b)) / 2;
+    const double kelvin = std::isfinite(a.temperature_degC) && std::isfinite(b.temperature_degC)
+                              ? (a.temperature_degC - b.temperature_degC) / temperature_unit_K
+                              : 0;
+    const MatrixXd product = 0.5 * difference * difference.transpose();
+    const VectorXd half = product.reshaped();
+    for (std::size_t k = 0; k < persistences.size(); ++k)
+      sums_[k].add({mean_v, 1 - (days > 0 ? std::pow(persistences[k], days) : 1.0), 0.5 * kelvin * kelvin}, half,
+                   1 / (mean_v * mean_v));
+  }
+
+  /// W and lambda of S_n and S_d, each made positive.
+  static void diagonalise(const MatrixXd& noise, const MatrixXd& day, RegionModel& out) {
+    const double total = std::max(noise.trace() + day.trace(), 1e-12) / static_cast<double>(noise.rows());
+    const SymmetricEigen n = symmetric_eigen(noise);
+    const MatrixXd root = n.vectors * n.values.cwiseMax(floor_share * total).cwiseSqrt().cwiseInverse().asDiagonal() *
+                          n.vectors.transpose();
+    const SymmetricEigen d = symmetric_eigen(root * day * root);
+    out.decouple = d.vectors.transpose() * root;
+    out.lambda = d.values.cwiseMax(0);
+  }
+
+  const MatrixXd slopes_;
+  const VectorXd unit_;
+  const std::size_t which_;
+  const double typical_;
+  std::array<PairSums, persistences.size()> sums_;
+};
+
+/// One component of z of one robot.
+struct Series {
+  std::vector<double> days, scatter;
+  MatrixXd columns;  // regressors, then one column per component
+};
+
+/// Restricted log-likelihood of a component for a ratio lambda, with the scale of the scatter at its maximum, which is
+/// returned in `scale`.
+double restricted_likelihood(const std::vector<Series>& robots, Index q, Index component, double persistence,
+                             double lambda, double& scale) {
+  RegionModel one{.lambda = VectorXd::Constant(1, lambda), .persistence = persistence};
+  double logs = 0, squares = 0, freedom = 0;
+  for (const auto& r : robots) {
+    MatrixXd some(r.columns.rows(), q + 1);
+    some << r.columns.leftCols(q), r.columns.col(q + component);
+    double log_variance = 0;
+    some = whiten(one, 0, r.days, r.scatter, some, &log_variance);
+    // Gram and Schmidt: q is 1 or 2.
+    for (Index i = 0; i < q; ++i) {
+      const double squared = some.col(i).squaredNorm();
+      logs += std::log(std::max(squared, 1e-300));
+      for (Index k = i + 1; k <= q; ++k) some.col(k) -= some.col(i) * (some.col(i).dot(some.col(k)) / squared);
+    }
+    logs += log_variance;
+    squares += some.col(q).squaredNorm();
+    freedom += static_cast<double>(some.rows() - q);
+  }
+  scale = squares / freedom;
+  return -0.5 * (logs + freedom * (std::log(scale) + 1));
+}
+
+/// Sets lambda and the scale of every component to their restricted maximum likelihood for the directions W and phi of
+/// the region's model. Returns the likelihood of y.
+double most_likely_scatter(TypeModel& type, std::size_t region, const std::vector<Rows>& sample) {
+  RegionModel& m = type.region[region];
+  const Index q = type.knows_temperature ? 2 : 1, p = m.features();
+  std::vector<Series> robots;
+  double freedom = 0;
+  for (const Rows& rows : sample) {
+    Series s{.days = {}, .scatter = {}, .columns = MatrixXd(static_cast<Index>(rows.size()), q + p)};
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      s.days.push_back(rows[i].day), s.scatter.push_back(type.scatter(rows[i], region));
+      s.columns.row(static_cast<Index>(i)) << type.regressors(rows[i]).transpose(),
+          type.decoupled(rows[i], region).transpose();
+    }
+    freedom += static_cast<double>(static_cast<Index>(rows.size()) - q);
+    robots.push_back(std::move(s));
+  }
+  double total = freedom * std::log(std::abs(determinant(m.decouple)));
+  VectorXd unit(p);
+  m.lambda_variance = m.scale_by_lambda = VectorXd(p);
+  for (Index k = 0; k < p; ++k) {
+    const auto at = [&](double log_lambda, double& scale) {
+      return restricted_likelihood(robots, q, k, m.persistence, std::exp(log_lambda), scale);
+    };
+    double low = std::log(1e-3), high = std::log(1e3), scale = 1;
+    for (int i = 0; i < 14; ++i) {  // golden section: the likelihood has one maximum
+      const double a = high - 0.618 * (high - low), b = low + 0.618 * (high - low);
+      if (at(a, scale) < at(b, scale))
+        low = a;
+      else
+        high = b;
+    }
+    double below = 1, above = 1;
+    const double best = (low + high) / 2, likelihood = at(best, unit(k));
+    const double less = at(best - 0.5, below), more = at(best + 0.5, above);
+    m.lambda(k) = std::exp(best);
+    // The variance of ln lambda is 1 / curvature of the likelihood; the scale moves with it.
+    m.lambda_variance(k) = 1 / std::max((2 * likelihood - less - more) / 0.25, 0.1);
+    m.scale_by_lambda(k) = std::log(above / below);
+    total += likelihood;
+  }
+  m.decouple = unit.cwiseSqrt().cwiseInverse().asDiagonal() * m.decouple;
+  m.noise_freedom = freedom;
+  return total;
+}
+
+/// Covariance of the mean of `window_days` daily observations, of y.
+MatrixXd window_covariance(const RegionModel& m) {
+  std::vector<double> days, scatter(window_days, 1.0);
+  for (std::size_t i = 0; i < window_days; ++i) days.push_back(static_cast<double>(i));
+  const MatrixXd ones = MatrixXd::Ones(static_cast<Index>(window_days), 1);
+  VectorXd variance(m.features());
+  for (Index k = 0; k < m.features(); ++k) variance(k) = 1 / whiten(m, k, days, scatter, ones).squaredNorm();
+  const MatrixXd back = inverse(m.decouple);
+  return back * variance.asDiagonal() * back.transpose();
+}
+
+/// Variance of the logarithm of a window's variance, as phi is known by its likelihood only.
+double variance_by_persistence(const std::vector<RegionModel>& models, const std::vector<double>& likelihoods,
+                               const RegionModel& best) {
+  const MatrixXd weight = symmetric_inverse(window_covariance(best));
+  const double highest = std::ranges::max(likelihoods), p = static_cast<double>(best.features());
+  double sum = 0, squares = 0;
+  for (std::size_t k = 0; k < models.size(); ++k) {
+    const double probability = std::exp(likelihoods[k] - highest);
+    const double log_ratio = std::log((weight * window_covariance(models[k])).trace() / p);
+    sum += probability, squares += probability * log_ratio * log_ratio;  // about the best one, which is used
+  }
+  return squares / sum;
+}
+
+double digamma(double x) {
+  double sum = 0;
+  for (; x < 8; ++x) sum -= 1 / x;
+  const double r = 1 / (x * x);
+  return sum + std::log(x) - 0.5 / x - r * (1.0 / 12 - r * (1.0 / 120 - r / 252));
+}
+double trigamma(double x) {
+  double sum = 0;
+  for (; x < 8; ++x) sum += 1 / (x * x);
+  const double r = 1 / (x * x);
+  return sum + 1 / x + r / 2 + r / x * (1.0 / 6 - r * (1.0 / 30 - r / 42));
+}
+/// x with trigamma(x) = y > 0, by bisection: trigamma falls.
+double trigamma_inverse(double y) {
+  double low = 1e-3, high = 1e7;
+  for (int i = 0; i < 100; ++i) {
+    const double middle = std::sqrt(low * high);
+    (trigamma(middle) > y ? low : high) = middle;
+  }
+  return high;
+}
+
+/// One round of the EM algorithm's sums.
+struct Round {
+  MatrixXd gram, squares;  // sum of A - A V A, sum of E[b b']
+  VectorXd moment;         // sum of what the mean is solved from
+
+  explicit Round(Index n) : gram(MatrixXd::Zero(n, n)), squares(MatrixXd::Zero(n, n)), moment(VectorXd::Zero(n)) {}
+};
+
+}  // namespace
+
+WithinRobots within_robots(const EachRobot& each, bool temperature) {
+  Eigen::Matrix2d gram = Eigen::Matrix2d::Zero();
+  Eigen::Matrix<double, 2, feature_count> moment = Eigen::Matrix<double, 2, feature_count>::Zero();
+  WithinRobots out;
+  each([&](const Rows& rows) {
+    if (rows.size() < 2) return;
+    const auto n = static_cast<double>(rows.size());
+    Eigen::Vector2d x_mean = Eigen::Vector2d::Zero();
+    Features y_mean = Features::Zero();
+    for (const Row& row : rows) {
+      if (temperature) x_mean += powers(row) / n;
+      y_mean += row.logarithmic / n;
+    }
+    for (const Row& row : rows) {
+      const Eigen::Vector2d x = temperature ? Eigen::Vector2d(powers(row) - x_mean) : Eigen::Vector2d(0, 0);
+      const Features y = row.logarithmic - y_mean;
+      gram += x * x.transpose(), moment += x * y.transpose(), out.covariance += y * y.transpose();
+    }
+    out.freedom += n - 1;
+  });
+  if (temperature) {
+    const bool curved = gram(0, 1) * gram(0, 1) < 0.9999 * gram(0, 0) * gram(1, 1);
+    if (curved)
+      out.slopes = least_squares_solutions(gram, moment);
+    else
+      out.slopes.row(0) = moment.row(0) / gram(0, 0);
+  }
+  const FeatureMatrix explained = out.slopes.transpose() * gram * out.slopes;
+  out.residual = (out.covariance - explained) / std::max(1.0, out.freedom - (temperature ? 2 : 0));
+  out.covariance /= std::max(1.0, out.freedom);
+  return out;
+}
+
+void learn_noise(const EachRobot& each, const WithinRobots& within, std::size_t region, TypeModel& type) {
+  RegionModel& model = type.region[region];
+  Variogram variogram(within, region, model);
+  std::vector<Rows> sample;
+  std::size_t rows_in_sample = 0;
+  each([&](const Rows& rows) {
+    variogram.add(rows);
+    if (rows_in_sample < likelihood_rows && rows.size() > 2) sample.push_back(rows), rows_in_sample += rows.size();
+  });
+  std::vector<RegionModel> models;
+  std::vector<double> likelihoods;
+  for (std::size_t k = 0; k < persistences.size(); ++k) {
+    variogram.finish(k, model);
+    likelihoods.push_back(most_likely_scatter(type, region, sample));
+    models.push_back(model);
+  }
+  const auto best = std::ranges::max_element(likelihoods) - likelihoods.begin();
+  model = models[static_cast<std::size_t>(best)];
+  model.persistence_variance = variance_by_persistence(models, likelihoods, model);
+}
+
+RobotSums robot_sums(const TypeModel& type, std::size_t region, const Rows& rows) {
+  const RegionModel& m = type.region[region];
+  const Index q = type.knows_temperature ? 2 : 1, p = m.features(), n = static_cast<Index>(rows.size());
+  MatrixXd columns(n, q + p);  // regressors, then z
+  std::vector<double> days, scatter;
+  for (Index i = 0; i < n; ++i) {
+    const Row& row = rows[static_cast<std::size_t>(i)];
+    columns.row(i) << type.regressors(row).transpose(), type.decoupled(row, region).transpose();
+    days.push_back(row.day), scatter.push_back(type.scatter(row, region));
+  }
+  RobotSums out{
+      .information = MatrixXd::Zero(p * q, p * q), .moment = VectorXd::Zero(p * q), .products = MatrixXd::Zero(p, p)};
+  MatrixXd residuals(n, p);
+  for (Index k = 0; k < p; ++k) {
+    MatrixXd some(n, q + 1);
+    some << columns.leftCols(q), columns.col(q + k);
+    some = whiten(m, k, days, scatter, some);
+    const MatrixXd gram = some.transpose() * some;
+    out.information.block(k * q, k * q, q, q) = gram.topLeftCorner(q, q);
+    out.moment.segment(k * q, q) = gram.col(q).head(q);
+    if (n <= q) continue;
+    const VectorXd own = least_squares_solution(some.leftCols(q), some.col(q));
+    residuals.col(k) = some.col(q) - some.leftCols(q) * own;
+    out.freedom += static_cast<double>(n - q);
+  }
+  if (n > q) out.products = residuals.transpose() * residuals;
+  out.squares = out.products.trace();
+  return out;
+}
+
+void decouple_residuals(const std::vector<RobotSums>& robots, RegionModel& out) {
+  const Index p = out.features();
+  MatrixXd products = MatrixXd::Zero(p, p);
+  double freedom = 0;
+  for (const auto& r : robots) products += r.products, freedom += r.freedom / static_cast<double>(p);
+  const SymmetricEigen axes = symmetric_eigen(products / freedom);
+  out.decouple = axes.vectors * axes.values.cwiseMax(floor_share).cwiseSqrt().cwiseInverse().asDiagonal() *
+                 axes.vectors.transpose() * out.decouple;
+}
+
+void learn_between(const std::vector<RobotSums>& all, RegionModel& out) {
+  const std::size_t step = 1 + all.size() / between_robots;
+  std::vector<const RobotSums*> robots;
+  for (std::size_t i = 0; i < all.size(); i += step) robots.push_back(&all[i]);
+  const Index n = all.front().moment.size();
+  out.between_freedom = static_cast<double>(robots.size()) - 1;
+  out.between = 1e4 * MatrixXd::Identity(n, n);
+  const bool borrows = all.size() >= robots_minimum;
+  for (int round = 0; round < between_rounds; ++round) {
+    Round sums(n);
+    const MatrixXd precision = symmetric_inverse(out.between);
+    std::vector<MatrixXd> posterior;
+    for (const auto* r : robots) {
+      posterior.push_back(symmetric_inverse(precision + r->information));
+      const MatrixXd& V = posterior.back();
+      sums.gram += r->information - r->information * V * r->information;
+      sums.moment += r->moment - r->information * (V * r->moment);
+    }
+    out.mean_error = symmetric_inverse(sums.gram);
+    out.mean = out.mean_error * sums.moment;
+    if (!borrows) break;
+    for (std::size_t i = 0; i < robots.size(); ++i) {
+      const MatrixXd &A = robots[i]->information, &V = posterior[i], VA = V * A;
+      const VectorXd b = V * (robots[i]->moment - A * out.mean);
+      sums.squares += b * b.transpose() + V + VA * out.mean_error * VA.transpose();
+    }
+    const MatrixXd next = sums.squares / static_cast<double>(robots.size());
+    const double change =
+        (next.diagonal() - out.between.diagonal()).cwiseQuotient(next.diagonal()).cwiseAbs().maxCoeff();
+    out.between = (next + next.transpose()) / 2;
+    if (change < 1e-3) break;
+  }
+  if (!borrows) out.between_freedom = 1e6, out.mean_error.setZero();  // unknown beforehand, not estimated
+}
+
+void learn_scale(const std::vector<RobotSums>& robots, RegionModel& out) {
+  double sum = 0, squares = 0, noise = 0, count = 0;
+  for (const auto& r : robots) {
+    if (!(r.freedom >= 2) || !(r.squares > 0)) continue;
+    const double e = std::log(r.squares / r.freedom) - digamma(r.freedom / 2) + std::log(r.freedom / 2);
+    sum += e, squares += e * e, noise += trigamma(r.freedom / 2), ++count;
+  }
+  if (count < 1) return;
+  const double mean = sum / count;
+  const double variance = count > 1 ? (squares - count * mean * mean) / (count - 1) - noise / count : 0;
+  if (variance <= 1e-6) {
+    out.scale = std::exp(mean), out.scale_freedom = 1e6;
+    return;
+  }
+  const double half = trigamma_inverse(variance);
+  out.scale_freedom = std::min(2 * half, 1e6);
+  out.scale = std::exp(mean + digamma(half) - std::log(half));
+}
+
+}  // namespace tribotwin::twin::diagnosis::fleet

@@ -1,0 +1,104 @@
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include <nlohmann/json.hpp>
+
+#include <tribotwin/twin/diagnosis/fleet/model_text.hpp>
+
+namespace tribotwin::twin::diagnosis::fleet {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json matrix(const Eigen::MatrixXd& m) {
+  Json rows = Json::array();
+  for (Eigen::Index i = 0; i < m.rows(); ++i) {
+    Json row = Json::array();
+    for (Eigen::Index k = 0; k < m.cols(); ++k) row.push_back(m(i, k));
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+Json vector(const Eigen::VectorXd& v) { return Json(std::vector<double>(v.begin(), v.end())); }
+
+Eigen::VectorXd to_vector(const Json& j) {
+  const auto v = j.get<std::vector<double>>();
+  return Eigen::Map<const Eigen::VectorXd>(v.data(), static_cast<Eigen::Index>(v.size()));
+}
+Eigen::MatrixXd to_matrix(const Json& j) {
+  const auto rows = static_cast<Eigen::Index>(j.size());
+  Eigen::MatrixXd m(rows, rows);
+  for (Eigen::Index i = 0; i < rows; ++i) m.row(i) = to_vector(j.at(static_cast<std::size_t>(i))).transpose();
+  return m;
+}
+
+Json json_of(const RegionModel& m) {
+  return {{"decouple", matrix(m.decouple)},
+          {"lambda", vector(m.lambda)},
+          {"persistence_per_day", m.persistence},
+          {"curvature", vector(m.curvature)},
+          {"mean", vector(m.mean)},
+          {"between", matrix(m.between)},
+          {"mean_error", matrix(m.mean_error)},
+          {"between_freedom", m.between_freedom},
+          {"noise_freedom", m.noise_freedom},
+          {"lambda_variance", vector(m.lambda_variance)},
+          {"scale_by_lambda", vector(m.scale_by_lambda)},
+          {"persistence_variance", m.persistence_variance},
+          {"typical_scatter", m.typical_scatter},
+          {"scale", m.scale},
+          {"scale_freedom", m.scale_freedom}};
+}
+
+RegionModel region_of(const Json& j) {
+  return {.decouple = to_matrix(j.at("decouple")),
+          .lambda = to_vector(j.at("lambda")),
+          .persistence = j.at("persistence_per_day"),
+          .curvature = to_vector(j.at("curvature")),
+          .mean = to_vector(j.at("mean")),
+          .between = to_matrix(j.at("between")),
+          .mean_error = to_matrix(j.at("mean_error")),
+          .between_freedom = j.at("between_freedom"),
+          .noise_freedom = j.at("noise_freedom"),
+          .lambda_variance = to_vector(j.at("lambda_variance")),
+          .scale_by_lambda = to_vector(j.at("scale_by_lambda")),
+          .persistence_variance = j.at("persistence_variance"),
+          .typical_scatter = j.at("typical_scatter"),
+          .scale = j.at("scale"),
+          .scale_freedom = j.at("scale_freedom")};
+}
+
+}  // namespace
+
+std::string to_text(const TypeModel& t) {
+  Json j{{"type", t.type},
+         {"joint", t.joint},
+         {"robots", t.robots},
+         {"observations", t.observations},
+         {"temperature_degC", {t.temperature_low_degC, t.temperature_high_degC}},
+         {"knows_temperature", t.knows_temperature},
+         {"within", matrix(t.within)},
+         {"load_norm", std::isfinite(t.load_norm) ? Json(t.load_norm) : Json(nullptr)},
+         {"notes", t.notes}};
+  for (std::size_t r = 0; r < regions.size(); ++r) j[regions[r].name] = json_of(t.region[r]);
+  return j.dump();
+}
+
+TypeModel from_text(const std::string& text) {
+  const Json j = Json::parse(text);
+  TypeModel t{.type = j.at("type"),
+              .joint = j.at("joint"),
+              .robots = j.at("robots"),
+              .observations = j.at("observations"),
+              .temperature_low_degC = j.at("temperature_degC").at(0),
+              .temperature_high_degC = j.at("temperature_degC").at(1),
+              .knows_temperature = j.at("knows_temperature")};
+  t.within = to_matrix(j.at("within"));
+  if (!j.at("load_norm").is_null()) t.load_norm = j.at("load_norm");
+  t.notes = j.at("notes").get<std::vector<std::string>>();
+  for (std::size_t r = 0; r < regions.size(); ++r) t.region[r] = region_of(j.at(std::string(regions[r].name)));
+  return t;
+}
+
+}  // namespace tribotwin::twin::diagnosis::fleet

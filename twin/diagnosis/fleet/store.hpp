@@ -1,0 +1,74 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <tribotwin/twin/diagnosis/fleet/judge.hpp>
+#include <tribotwin/twin/diagnosis/fleet/level_curve.hpp>
+
+/// What is known of a fleet, in one file: robots, observations, models, verdicts, notes. All of a session or nothing of
+/// it is kept, whatever happens. Throws InputError where the file is no store, std::runtime_error where the machine
+/// fails. Nothing outside of store.cc knows that it is SQLite.
+namespace tribotwin::twin::diagnosis::fleet {
+
+/// An observation as it is kept.
+struct Entry {
+  Key key;
+  std::string file;
+  std::size_t line = 0;
+  std::uint32_t checksum = 0;
+  Observation observation;
+};
+
+struct JointName {
+  std::int64_t id = 0;
+  std::string type, robot, joint;
+};
+
+/// One line of a check or a watch.
+struct StoredVerdict {
+  std::int64_t joint = 0;
+  double p = 1, q = 1;
+  std::string pattern, unit;
+  double severity = 0, confidence = 0, margin = 0;
+};
+
+class Store {
+ public:
+  /// Opens a store, or makes one where there is no file of that name; nothing is kept before commit().
+  explicit Store(const std::filesystem::path& file);
+  Store(const Store&) = delete;
+  ~Store();  ///< without commit(): all is as before, and a new file is gone
+
+  enum class Put { added, known, promoted, replaced, changed };
+  /// What put() would do; does not look at the features.
+  Put look(const Entry& entry, bool learned);
+  /// Keeps the entry. One of the same key and checksum stays as it is, but is learned from then on if `learned`
+  /// (promoted); one of another checksum stays too (changed) unless `replace`.
+  Put put(const Entry& entry, bool learned, bool replace);
+  /// Where the entry of that key came from: "FILE:LINE".
+  std::string origin(const Key& key);
+
+  /// All joints by type, name and robot.
+  std::vector<JointName> joints();
+  /// The identifiable observations of a joint by time; `learned`: healthy ones, else the others, from `from_s` to
+  /// `to_s`, both included.
+  Rows rows(std::int64_t joint, bool learned, std::int64_t from_s, std::int64_t to_s);
+  /// Time of the newest observation that was not learned from; nothing without any.
+  std::optional<std::int64_t> newest();
+
+  void put_model(const TypeModel& model);
+  std::vector<TypeModel> models();
+  /// The verdicts of one day; those of the same day and kind are replaced.
+  void put_verdicts(const std::string& kind, std::int64_t time_s, double rate, std::size_t judged,
+                    const std::vector<StoredVerdict>& verdicts);
+  void commit();
+
+ private:
+  class Made;
+  std::unique_ptr<Made> made_;
+};
+
+}  // namespace tribotwin::twin::diagnosis::fleet
