@@ -27,10 +27,6 @@ def on_ranks(ranks, *arguments, **options):
     return harness.run("mpirun", "-n", ranks, program, *arguments, env=environment, timeout=120, **options)
 
 
-def bytes_of(dataset):
-    return dataset[()].tolist() if dataset.dtype == object else dataset[()].tobytes()  # texts; numbers
-
-
 def files(folder, but=()):
     """Content by name; wall times and what HDF5 says of the clock left out."""
     found = {}
