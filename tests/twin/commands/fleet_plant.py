@@ -1,6 +1,6 @@
 """A synthetic plant as tables of friction curves: robots, days, temperature and measurement scatter as on the BR609's
 third joint."""
-import datetime
+import datetime, sys
 
 import numpy as np
 
@@ -56,3 +56,12 @@ class Plant:
         with open(name, "w") as f:
             f.write("\n".join([HEADER, *rows]) + "\n")
         return rows
+
+
+if (
+    __name__ == "__main__"
+):  # ROBOTS DAYS FILE DAYS FILE: healthy days, then days on which joint2 of R0003 is worn by 20 %
+    robots, days, healthy, more_days, week = sys.argv[1:6]
+    some = Plant(int(robots))
+    some.write(healthy, int(days))
+    some.write(week, int(more_days), {("R0003", "joint2"): 0.2})

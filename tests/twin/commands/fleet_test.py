@@ -1,5 +1,5 @@
-"""tribotwin fleet: learn, check and watch on a synthetic plant; import that can be repeated, refused and killed. Arguments:
-tribotwin."""
+"""tribotwin fleet: learn, check and watch on a synthetic plant; import that can be repeated, refused and killed.
+Arguments: tribotwin."""
 import csv, json, os, random, signal, sqlite3, subprocess, sys, time
 
 import harness
@@ -36,9 +36,9 @@ def table(name, rows):
         f.write("\n".join([HEADER, *rows]) + "\n")
 
 
-# ---- A plant of 80 joints, 8 of them worn by 10 %, one robot with a single healthy curve, one with none.
+# ---- A plant of 120 joints, 8 of them worn by 10 %, one robot with a single healthy curve, one with none.
 worn = {(f"R{r:04}", joint): 0.1 for r in (3, 17, 25, 38) for joint in ("joint2", "joint3")}
-plant = Plant(40, seed=4)
+plant = Plant(60, seed=4)
 healthy = plant.rows(14)
 week = plant.rows(10, worn)
 first_of_9 = min(r.split(",")[2] for r in healthy)
@@ -52,13 +52,13 @@ check("a model per joint", [m["joint"] for m in learned["models"]] == ["joint2",
 for m in learned["models"]:
     check(
         f"{m['joint']}: the scatter between robots is found",
-        0.05 < m["Fc_between_robots"] < 0.12 and 0.008 < m["Fc_day_to_day"] < 0.025,
+        0.05 < m["Fc_between_robots"] < 0.12 and 0.008 < m["Fc_day_to_day"] < 0.035,
         m,
     )
 r = run("check", "week.csv", "-o", "plant.db", "--json", code=3)
 checked = json.loads(r.stdout)
 found = {(j["robot"], j["joint"]): j for j in checked["joints"]}
-check("all are judged, those without curves of their own included", checked["judged"] == 80, checked["judged"])
+check("all are judged, those without curves of their own included", checked["judged"] == 120, checked["judged"])
 # Deviations of days hide 3 % of wear now and then: with 8 joints and 5 % false discoveries one of each is chance.
 hits = lambda listed: len(set(worn) & set(listed)) >= 7 and len(set(listed) - set(worn)) <= 1
 check("the worn joints are listed", hits(found), list(found))
@@ -72,7 +72,7 @@ for joint in set(worn) & set(found):
         and j["margin"]["low"] < j["margin"]["value"] < j["margin"]["high"],
         j,
     )
-check("the sentence says what, of how many, at which rate", f"{len(found)} of 80 joints" in checked["sentence"])
+check("the sentence says what, of how many, at which rate", f"{len(found)} of 120 joints" in checked["sentence"])
 q = [j["rank"] for j in checked["joints"]]
 check("ranked from 1", q == list(range(1, len(q) + 1)))
 
@@ -80,7 +80,7 @@ check("ranked from 1", q == list(range(1, len(q) + 1)))
 before = dump("plant.db")
 r = run("check", "week.csv", "-o", "plant.db", "--json", "--threads", "1", code=3)
 again = json.loads(r.stdout)
-check("the same file twice: all known", again["imported"]["known"] == 800 and again["imported"]["added"] == 0)
+check("the same file twice: all known", again["imported"]["known"] == 1200 and again["imported"]["added"] == 0)
 check("the same verdicts", again["joints"] == checked["joints"])
 run("learn", "healthy.csv", "-o", "plant.db")
 check("the store is as before", dump("plant.db") == before)
@@ -91,17 +91,19 @@ days = {joint: watched[joint]["since"] for joint in worn if joint in watched}
 check("within 10 days", all("2026-03-15" <= since <= "2026-03-24" for since in days.values()), days)
 text = run("check", "-o", "plant.db", code=3).stdout
 check(
-    "the table begins with the sentence", text.startswith(f"{len(found)} of 80 joints are not as learned"), text[:200]
+    "the table begins with the sentence", text.startswith(f"{len(found)} of 120 joints are not as learned"), text[:200]
 )
-quiet = run(
-    "check", "-o", "plant.db", "--date", "2026-03-15", "--days", "1", "--false-discovery-rate", "1e-6", "--json"
+table("calm.csv", [r for r in week if r.split(",")[0] not in {robot for robot, _ in worn}])
+run("learn", "healthy.csv", "-o", "calm.db", "--quiet")
+calm = run("check", "calm.csv", "-o", "calm.db", "--date", "2026-03-24", "--false-discovery-rate", "1e-6")
+check(
+    "healthy joints: exit code 0, and the sentence", calm.stdout.startswith("None of 112 joints is listed"), calm.stdout
 )
-check("no joint at 1e-6 on one day", json.loads(quiet.stdout)["listed"] == 0)
 
 # ---- The store is a plain SQLite file.
 with sqlite3.connect(path("plant.db")) as db:
     n, fc = db.execute("SELECT count(*), avg(Fc_nm) FROM observations WHERE learned = 0").fetchone()
-    check("observations are rows", n == 800 and 4 < fc < 12, (n, fc))
+    check("observations are rows", n == 1200 and 4 < fc < 12, (n, fc))
     kept = db.execute("SELECT count(*) FROM verdicts WHERE kind = 'check' AND time_s >= 1774310400").fetchone()[0]
     check("so are verdicts", kept == len(found), kept)
 

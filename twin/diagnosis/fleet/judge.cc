@@ -34,7 +34,7 @@ Shares shares_of(const TypeModel& type, std::size_t region, const JointBaseline&
     days.push_back(row.day), scatter.push_back(type.scatter(row, region));
     information += 1 / scatter.back();
   }
-  Shares out{.day = VectorXd(m.features())};
+  Shares out{.day = VectorXd(m.features()), .window = true};
   const auto p = static_cast<double>(m.features());
   for (Index k = 0; k < m.features(); ++k) {
     const double total = shift.covariance(k, k), noise = shift.scale / information,

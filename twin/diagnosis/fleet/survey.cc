@@ -221,7 +221,9 @@ std::vector<TypeModel> learn_fleet(Store& store, std::vector<std::string>& notes
   for (const auto& j : store.joints()) groups[{j.type, j.joint}].push_back(j.id);
   std::vector<TypeModel> all;
   std::string problem;
-  for (const auto& [key, ids] : groups) {
+  for (const auto& group : groups) {
+    const auto& key = group.first;
+    const auto& ids = group.second;
     auto model = learn_type([&](const std::function<void(const Rows&)>& visit) {
       for (const auto id : ids) visit(store.rows(id, true, -always, always));
     });

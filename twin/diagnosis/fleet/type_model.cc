@@ -174,7 +174,7 @@ double exceeded_by_chance(const RegionModel& m, double statistic, const Shares& 
       1 / (by_lambda + within * within / m.noise_freedom + share.between * share.between / m.between_freedom);
   const double below = of_covariance - p + 1;
   // Twice here too: the likelihood of phi takes the directions as known.
-  const double by_persistence = within * within * m.persistence_variance;
+  const double by_persistence = (share.window ? 1 : 0.5) * within * within * m.persistence_variance;
   if (below < 2) return 1;
   return fisher_f_above(p, 1 / (1 / of_scale + 1 / below + by_persistence), statistic * below / of_covariance / p);
 }

@@ -120,6 +120,7 @@ class JointFilter {
 struct Shares {
   Eigen::VectorXd day;  ///< of every component of z
   double between = 0;   ///< on average
+  bool window = false;  ///< of the mean of many days; one step depends on phi about half as much
 };
 /// Probability that T^2 of p numbers is exceeded on a healthy joint: all variances are estimates, the scale of the
 /// joint with `scale_freedom` degrees of freedom.

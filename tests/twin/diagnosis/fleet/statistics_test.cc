@@ -96,7 +96,9 @@ TEST(CusumTail, IsThatOfSimulatedCharts) {
     }
     for (std::size_t k = 0; k < above.size(); ++k) {
       const double share = static_cast<double>(above[k]) / charts, p = tail(steps, 0.5 + static_cast<double>(k));
-      EXPECT_NEAR(p, share, 0.04 * share + 0.005) << steps << ' ' << k;
+      // The chain rounds up.
+      EXPECT_GE(p, share - 0.005) << steps << ' ' << k;
+      EXPECT_LE(p, 1.15 * share + 0.005) << steps << ' ' << k;
     }
   }
 }
