@@ -31,7 +31,6 @@ constexpr double hopeless = 0.1, hopeless_sigmas = 4;
 constexpr double coupled_gain = 0.02, coupled_sigmas = 4;
 /// A lag is a claim about the recordings, by its own sigmas first and then by the held-out error; only one is tried.
 constexpr double lag_sigmas = 3, lag_enough = 2;
-/// It is found by a law, and the law that is chosen with it may find it better.
 constexpr int most_lags = 2;
 constexpr unsigned most_folds = 10, folds_of_time = 12;
 constexpr Index stretch_count = 40;
@@ -59,7 +58,7 @@ class Chooser {
     if (!decided_.coupling && regressor_.motors().empty()) choose_coupling();
     search();
     if (choose_position()) search();
-    for (int lags = 0; !decided_.lag && lags < most_lags && choose_lag(); ++lags) search();
+    choose_lags();
     if (take_prior()) search();
     if (out_.setting.by_position.empty() && choose_position()) search();
     refine_stribeck();
@@ -467,6 +466,19 @@ class Chooser {
         take(*std::move(t));
       else
         regressor_ = before, base_ = base_before;
+    }
+  }
+
+  /// A lag is found by a law and a cut-off; where others are chosen with it, they may find it better.
+  void choose_lags() {
+    for (int lags = 0; !decided_.lag && lags < most_lags; ++lags) {
+      const Setting before = out_.setting;
+      if (!choose_lag()) return;
+      search();
+      const Setting& now = out_.setting;
+      if (now.law == before.law && now.signals.cutoff_hz == before.signals.cutoff_hz &&
+          now.signals.recorded_velocity == before.signals.recorded_velocity)
+        return;
     }
   }
 

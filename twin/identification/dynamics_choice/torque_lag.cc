@@ -13,7 +13,7 @@ namespace {
 
 using Eigen::Index;
 
-constexpr int max_rounds = 10;
+constexpr int max_rounds = 6;
 /// Of its sigma: a step that small is none.
 constexpr double at_rest = 0.05;
 /// Of a period of the cut-off.
