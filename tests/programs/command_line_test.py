@@ -228,7 +228,9 @@ for program, words, text in all_helps:
         known = options_in(text)
         check(f"{' '.join([program, *words])}: has --json", "--json" in known)
         writes = "--output" in known
-        check(f"{' '.join([program, *words])}: -o comes with --force", not writes or "--force" in known, list(known))
+        # A fleet's store is added to; what may replace something in it are curves.
+        force = "--replace" if "fleet" in words else "--force"
+        check(f"{' '.join([program, *words])}: -o comes with {force}", not writes or force in known, list(known))
 curve = ("curve", "irb6620", "--joint", "joint2", "--speeds", "1:200:3", "--torque-noise-nm", "1", "--experiment")
 points = strict(run(tribotwin, *curve, "--json", "--quiet").stdout)["points"]
 rows = [line.split(",") for line in run(tribotwin, *curve, "--quiet").stdout.splitlines()]

@@ -37,7 +37,8 @@ def files(folder, but=()):
         if name.endswith(".h5"):
             with h5py.File(name) as f:
                 columns = {}
-                f.visititems(lambda k, x: columns.update({k: bytes_of(x)}) if isinstance(x, h5py.Dataset) else None)
+                text = lambda x: repr(x[()].tolist()) if isinstance(x, h5py.Dataset) else ""
+                f.visititems(lambda k, x: columns.update({k: text(x)}))
                 found[key] = columns
         else:
             text = open(name).read()
