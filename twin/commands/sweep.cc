@@ -2,7 +2,6 @@
 #include <cmath>
 #include <memory>
 #include <optional>
-#include <thread>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -13,6 +12,7 @@
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
 #include <tribotwin/twin/numerics/executor/ranks.hpp>
 
@@ -57,7 +57,7 @@ Result<Exit> foretell(const Arguments& a, const sweep::Plan& plan) {
   const auto start = std::chrono::steady_clock::now();
   const auto made = or_throw(sweep::make_run(plan, 0, &interrupted()));
   const double one_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  const unsigned threads = a.threads ? a.threads : std::max(1u, std::thread::hardware_concurrency());
+  const unsigned threads = threads_of(a.threads);
   const double rounds = std::ceil(static_cast<double>(plan.runs) / threads);
   if (a.json)
     return deliver(Json{{"runs", plan.runs},

@@ -2,43 +2,33 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <fstream>
 #include <map>
 #include <sstream>
 
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/drive/fault.hpp>
+#include <tribotwin/tests/twin/experiments/temporary_file.hpp>
 #include <tribotwin/twin/experiments/friction/curve_rows.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
 
 namespace tribotwin::twin {
 namespace {
 
-namespace fs = std::filesystem;
 using testing::HasSubstr;
 
 const std::string model = std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/br609.xml";
 
-struct File {
-  fs::path path = [] {
-    std::string name = (fs::temp_directory_path() / "tribotwin_XXXXXX.yaml").string();
-    close(mkstemps(name.data(), 5));
-    return fs::path(name);
-  }();
-  explicit File(const std::string& text) { std::ofstream(path) << text; }
-  ~File() { fs::remove(path); }
-};
-
 /// A curve of joint 3 at 40 degC under its own weight, by column.
 std::map<std::string, std::vector<double>> curve(const std::string& fault, double noise_nm = 0.3) {
-  const File file("model: " + model +
-                  "\njoint: joint3\nprocedure: test_cycle\n"
-                  "sensors: {encoder_increments_per_turn: 409600, torque_noise_nm: " +
-                  std::to_string(noise_nm) +
-                  ", lag_s: 0.02}\n"
-                  "series:\n  - {name: a, load: {by: payload, mass_kg: 0}, temperature: {prescribed_degC: 40}" +
-                  (fault.empty() ? "" : ", fault: " + fault) + "}\n");
+  const TemporaryFile file(
+      "model: " + model +
+      "\njoint: joint3\nprocedure: test_cycle\n"
+      "sensors: {encoder_increments_per_turn: 409600, torque_noise_nm: " +
+      std::to_string(noise_nm) +
+      ", lag_s: 0.02}\n"
+      "series:\n  - {name: a, load: {by: payload, mass_kg: 0}, temperature: {prescribed_degC: 40}" +
+      (fault.empty() ? "" : ", fault: " + fault) + "}\n");
   const Campaign campaign = load_campaign(file.path).value();
   const auto rows = measured_rows(campaign, campaign.curves.at(0));
   EXPECT_TRUE(rows) << rows.error().message;
@@ -118,8 +108,9 @@ TEST_F(FaultyCurve, SurfacesAndLubricantMoveTheirEndsOfTheCurve) {
 
 TEST(Faults, AreRefusedWithPlaceAndRemedy) {
   const auto error = [](const std::string& event) -> std::string {
-    const File file("model: " + model + "\nduration_s: 3600\nmotion: {type: hold}\nevents: [{time_s: 0, type: fault, " +
-                    event + "}]\n");
+    const TemporaryFile file("model: " + model +
+                             "\nduration_s: 3600\nmotion: {type: hold}\nevents: [{time_s: 0, type: fault, " + event +
+                             "}]\n");
     const auto scenario = load_scenario(file.path);
     return scenario ? "accepted" : scenario.error().message;
   };
@@ -138,7 +129,7 @@ const std::string cycle = "model: " + model +
                           "speed_rad_s: 0.5, dwell_s: 0.2}\n";
 
 Summary ran(const std::string& text) {
-  const File file(text);
+  const TemporaryFile file(text);
   auto summary = run(load_scenario(file.path).value(), {});
   EXPECT_TRUE(summary) << summary.error().message;
   return *summary;

@@ -1,9 +1,9 @@
 #include <cmath>
 #include <cstdlib>
-#include <fstream>
 
 #include <gmock/gmock.h>
 
+#include <tribotwin/tests/twin/experiments/temporary_file.hpp>
 #include <tribotwin/twin/experiments/sweep/design.hpp>
 #include <tribotwin/twin/experiments/sweep/parameter_set.hpp>
 #include <tribotwin/twin/identification/rigid_body/joint_friction.hpp>
@@ -11,18 +11,7 @@
 namespace tribotwin::twin::sweep {
 namespace {
 
-namespace fs = std::filesystem;
 using Eigen::MatrixXd, Eigen::VectorXd;
-
-struct File {
-  fs::path path = [] {
-    std::string name = (fs::temp_directory_path() / "tribotwin_XXXXXX.yaml").string();
-    close(mkstemps(name.data(), 5));
-    return fs::path(name);
-  }();
-  explicit File(const std::string& text) { std::ofstream(path) << text; }
-  ~File() { fs::remove(path); }
-};
 
 constexpr char law[] = R"(
 law: load
@@ -38,7 +27,7 @@ correlation:
 )";
 
 ParameterSet set_of(const std::string& text) {
-  const File file(text);
+  const TemporaryFile file(text);
   const auto model = *mujoco::load_file(TRIBOTWIN_SOURCE_DIR "/mjcf/irb6620.xml");
   auto set = law_parameters(file.path, *model, "joint2");
   EXPECT_TRUE(set) << set.error().message;
@@ -99,7 +88,7 @@ TEST(ParameterSet, RefusesWhatItCannotDraw) {
        "joint2", "must hold 4 numbers"},
   };
   for (const Case& c : cases) {
-    const File file(c.text);
+    const TemporaryFile file(c.text);
     const auto set = law_parameters(file.path, *model, c.joint);
     ASSERT_FALSE(set) << c.what;
     EXPECT_THAT(set.error().message, testing::HasSubstr(c.says)) << c.what;
@@ -125,8 +114,9 @@ friction:
 TEST(ParameterSet, OfARobot) {
   const auto model = *mujoco::load_file(TRIBOTWIN_SOURCE_DIR "/mjcf/irb6620.xml");
   for (const bool correlated : {false, true}) {
-    const File file(std::string(robot) +
-                    (correlated ? "friction_correlation: {joint2: [[1, 0.5, 0], [0.5, 1, 0], [0, 0, 1]]}\n" : ""));
+    const TemporaryFile file(
+        std::string(robot) +
+        (correlated ? "friction_correlation: {joint2: [[1, 0.5, 0], [0.5, 1, 0], [0, 0, 1]]}\n" : ""));
     EXPECT_TRUE(is_of_dynamics(file.path));
     const auto sets = robot_parameters(file.path, *model);
     ASSERT_TRUE(sets) << sets.error().message;
@@ -142,9 +132,9 @@ TEST(ParameterSet, OfARobot) {
 
 TEST(ParameterSet, OfARobotWithATorqueByPosition) {
   const auto model = *mujoco::load_file(TRIBOTWIN_SOURCE_DIR "/mjcf/irb6620.xml");
-  const File file(std::string(robot) + "    " + std::string(identification::cosine_name) +
-                  ": {value: 5, sigma: 1, unit: Nm}\n    " + std::string(identification::sine_name) +
-                  ": {value: 6, sigma: 1, unit: Nm}\n");
+  const TemporaryFile file(std::string(robot) + "    " + std::string(identification::cosine_name) +
+                           ": {value: 5, sigma: 1, unit: Nm}\n    " + std::string(identification::sine_name) +
+                           ": {value: 6, sigma: 1, unit: Nm}\n");
   const auto sets = robot_parameters(file.path, *model);
   ASSERT_TRUE(sets) << sets.error().message;
   EXPECT_EQ(sets->front().size(), 3u);
@@ -155,7 +145,7 @@ TEST(ParameterSet, OfARobotWithoutALawOfDrives) {
   const auto model = *mujoco::load_file(TRIBOTWIN_SOURCE_DIR "/mjcf/irb6620.xml");
   std::string text = robot;
   text.replace(text.find("friction_law: load"), 18, "friction_law: coulomb_viscous");
-  const File file(text);
+  const TemporaryFile file(text);
   const auto sets = robot_parameters(file.path, *model);
   ASSERT_FALSE(sets);
   EXPECT_THAT(sets.error().message, testing::HasSubstr("'coulomb_viscous' is not a law of drives; run tribotwin "));
