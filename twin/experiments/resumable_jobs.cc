@@ -127,6 +127,7 @@ Result<Completed> complete(const std::string& resolved_yaml, const ResumableJobs
   const Tasks tasks{.count = parts.files.size(),
                     .identity = fmt::format("{:08x}", crc32(resolved_yaml)),
                     .work = [&](std::size_t i, const std::string&) { return parts.make(i); },
+                    .own_processes = true,
                     .present = [&](std::size_t i) -> std::optional<std::string> {
                       auto text = store->find(parts.files[i]);
                       return text && parts.whole(i, *text) ? std::move(text) : std::nullopt;
@@ -142,7 +143,9 @@ Result<Completed> complete(const std::string& resolved_yaml, const ResumableJobs
     return {};
   });
   if (!finished) return tl::unexpected(finished.error());
-  if (outcome->stopped || !outcome->failures.empty()) return incomplete(*outcome, parts, options);
+  if (outcome->stopped || (!outcome->failures.empty() && !parts.in_place_of))
+    return incomplete(*outcome, parts, options);
+  for (const TaskFailure& f : outcome->failures) outcome->results[f.task] = parts.in_place_of(f.task, f.error);
   return Completed{.texts = std::move(outcome->results), .present = outcome->present, .lock = lock};
 }
 

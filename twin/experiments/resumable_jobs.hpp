@@ -33,7 +33,10 @@ struct ResumableJobs {
   std::function<bool(std::size_t part, const std::string& text)>
       whole;  ///< whether the text of an existing file is a complete part
   std::function<Result<std::string>(std::size_t part)>
-      make;  ///< called from several threads, on any rank; a function of campaign and part alone; may throw
+      make;  ///< called in processes of its own, on any rank; a function of campaign and part alone; may throw
+  /// What stands for a part that failed, on every rank; it is not kept, so the next run tries the part again. Empty:
+  /// the campaign fails.
+  std::function<std::string(std::size_t part, const Error& error)> in_place_of = {};
 };
 
 /// On every rank the same, but the lock, which rank 0 has. Files are then written by rank 0 alone:

@@ -31,6 +31,14 @@ void catch_interrupts() {
       ::sigaction(signal, &action, nullptr);
 }
 
+void obey_parent_only() {
+  struct sigaction action {};
+  action.sa_handler = [](int) { flag = true; };
+  ::sigaction(SIGTERM, &action, nullptr);
+  action.sa_handler = SIG_IGN;
+  for (const int signal : {SIGINT, SIGHUP}) ::sigaction(signal, &action, nullptr);
+}
+
 std::atomic<bool>& interrupted() { return flag; }
 
 namespace {

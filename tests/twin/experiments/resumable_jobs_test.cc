@@ -1,9 +1,9 @@
 // Parts as files: what was finished is not repeated, what fails is recorded, whatever a kill has left.
-#include <atomic>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iterator>
-#include <mutex>
 #include <set>
 
 #include <fmt/format.h>
@@ -30,30 +30,34 @@ std::string read(const fs::path& file) {
 class Parts : public testing::Test {
  protected:
   Parts() : folder_(fs::path(testing::TempDir()) / fmt::format("parts_{}", ::getpid())) { fs::remove_all(folder_); }
-  ~Parts() override { fs::remove_all(folder_); }
+  ~Parts() override { fs::remove_all(folder_), fs::remove(log_); }
 
   Result<Completed> run(unsigned threads = 1) {
-    made_.clear();
+    fs::remove(log_);
     ResumableJobs jobs{.folder = "parts",
                        .files = {},
                        .whole = [](std::size_t, const std::string& text) { return text.ends_with('\n'); },
                        .make = [this](std::size_t i) -> Result<std::string> {
-                         {
-                           const std::lock_guard lock(mutex_);
-                           made_.insert(i);
-                         }
+                         std::ofstream(log_, std::ios::app) << i << '\n';  // parts have processes of their own
+                         if (crashing_.contains(i)) std::abort();
                          if (failing_.contains(i)) return work_failed("diverged, \"quickly\"");
                          return fmt::format("part {}\n", i);
                        }};
     for (std::size_t i = 0; i < 12; ++i) jobs.files.push_back(fmt::format("{:02}.txt", i));
+    jobs.in_place_of = in_place_of_;
     return complete(campaign, jobs, {.directory = folder_, .threads = threads});
+  }
+  /// The parts that the last run made, in their order.
+  std::multiset<std::size_t> made() const {
+    std::ifstream log(log_);
+    return {std::istream_iterator<std::size_t>(log), {}};
   }
   std::string sums() const { return read(folder_ / "checksums"); }
 
   const fs::path folder_;
-  std::mutex mutex_;
-  std::multiset<std::size_t> made_;
-  std::set<std::size_t> failing_;
+  const fs::path log_ = folder_.string() + ".log";
+  std::set<std::size_t> failing_, crashing_;
+  std::function<std::string(std::size_t, const Error&)> in_place_of_;
 };
 
 TEST_F(Parts, AreTheSameOnAnyNumberOfThreads) {
@@ -81,7 +85,7 @@ TEST_F(Parts, ThatAreThereStay) {
   const auto again = run(8);
   ASSERT_TRUE(again);
   EXPECT_EQ(again->present, 12u);
-  EXPECT_THAT(made_, IsEmpty());
+  EXPECT_THAT(made(), IsEmpty());
   EXPECT_EQ(sums(), before);
 }
 
@@ -100,7 +104,33 @@ TEST_F(Parts, ThatFailAreRecordedAndTheOthersComplete) {
   failing_ = {};
   const auto again = run(4);
   ASSERT_TRUE(again);
-  EXPECT_THAT(made_, ElementsAre(3, 8));
+  EXPECT_THAT(made(), ElementsAre(3, 8));
+  EXPECT_FALSE(fs::exists(folder_ / "failures.csv"));
+}
+
+TEST_F(Parts, ThatCrashFailAlone) {
+  crashing_ = {3};
+  const auto outcome = run(4);
+  ASSERT_FALSE(outcome);
+  EXPECT_THAT(outcome.error().message, HasSubstr("1 of 12 parts failed"));
+  EXPECT_THAT(read(folder_ / "failures.csv"),
+              HasSubstr("parts/03.txt,2,\"its process was ended by signal 6 (Aborted)"));
+  EXPECT_EQ(std::ranges::count(sums(), '\n'), 11);
+
+  // Where something can stand for it, it does, and is tried again the next time.
+  in_place_of_ = [](std::size_t i, const Error& error) { return fmt::format("no part {}: {}", i, error.message); };
+  {
+    const auto completed = run(4);
+    ASSERT_TRUE(completed);
+    EXPECT_THAT(completed->texts[3], HasSubstr("no part 3: its process was ended by signal 6"));
+  }
+  EXPECT_THAT(made(), ElementsAre(3, 3));
+  EXPECT_EQ(std::ranges::count(sums(), '\n'), 11);
+
+  crashing_ = {};
+  const auto again = run(4);
+  ASSERT_TRUE(again);
+  EXPECT_THAT(made(), ElementsAre(3));
   EXPECT_FALSE(fs::exists(folder_ / "failures.csv"));
 }
 
@@ -112,7 +142,7 @@ TEST_F(Parts, WhoseChecksumWasCutAreMadeAgain) {
     const auto lines = std::ranges::count(whole.substr(0, cut), '\n');
     const auto again = run();
     ASSERT_TRUE(again) << cut;
-    EXPECT_EQ(std::ssize(made_), 12 - lines) << cut;
+    EXPECT_EQ(std::ssize(made()), 12 - lines) << cut;
     EXPECT_EQ(sums(), whole) << cut;
   }
 }
@@ -122,7 +152,7 @@ TEST_F(Parts, ThatWereChangedAreMadeAgain) {
   std::ofstream(folder_ / "parts/05.txt") << "part 6\n";
   fs::remove(folder_ / "parts/09.txt");
   ASSERT_TRUE(run());
-  EXPECT_THAT(made_, ElementsAre(5, 9));
+  EXPECT_THAT(made(), ElementsAre(5, 9));
 }
 
 TEST_F(Parts, CostTheSameHoweverManyThereAre) {

@@ -51,6 +51,7 @@ ResumableJobs jobs_of(const Plan& plan, std::size_t count, const std::atomic<boo
     if (!made) return tl::unexpected(made.error());
     return to_line(run, *made);
   };
+  jobs.in_place_of = [](std::size_t run, const Error& error) { return to_line(run, failed(error.message)); };
   return jobs;
 }
 

@@ -2,20 +2,18 @@
 
 #include <atomic>
 #include <chrono>
-#include <condition_variable>
 #include <cstddef>
-#include <deque>
 #include <functional>
-#include <mutex>
+#include <memory>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include <tribotwin/plugins/friction/error.hpp>
+#include <tribotwin/twin/numerics/executor/bytes.hpp>
 
 namespace tribotwin::twin {
 
-/// The threads of one rank that do tasks, the next one as soon as one is done.
+/// Those of one rank that do tasks, the next one as soon as one is done.
 class Crew {
  public:
   struct Done {
@@ -30,30 +28,32 @@ class Crew {
   };
   using Work = std::function<Result<std::string>(std::size_t task, const std::string& input)>;
 
-  /// `work` is called by `threads` threads; an exception of it becomes an error of ErrorKind::work. Once *stop is true
-  /// (may be nullptr), no task begins, and one that failed meanwhile counts as not done.
-  Crew(unsigned threads, Work work, const std::atomic<bool>* stop);
+  Crew() = default;
+  Crew(const Crew&) = delete;
   /// Waits for the tasks under way; the others do not begin.
-  ~Crew();
+  virtual ~Crew() = default;
 
-  void add(std::vector<Job> jobs);
+  virtual void add(std::vector<Job> jobs) = 0;
   /// What was finished since the last call; waits for something at most so long.
-  std::vector<Done> take(std::chrono::microseconds at_most);
+  virtual std::vector<Done> take(std::chrono::microseconds at_most) = 0;
   /// Tasks that have not begun.
-  std::size_t waiting() const;
-
- private:
-  void run();
-  Done perform(const Job& job) const;
-
-  const Work work_;
-  const std::atomic<bool>* const stop_;
-  mutable std::mutex mutex_;  ///< guards all below
-  std::condition_variable more_, finished_;
-  std::deque<Job> todo_;
-  std::vector<Done> done_;
-  bool closing_ = false;
-  std::vector<std::jthread> threads_;
+  virtual std::size_t waiting() const = 0;
 };
+
+/// An exception of `work` becomes an error of ErrorKind::work. Once *stop is true (may be nullptr), no task begins, and
+/// one that failed meanwhile counts as not done.
+Crew::Done perform(const Crew::Work& work, const Crew::Job& job, const std::atomic<bool>* stop);
+
+/// `work` is called by several threads of this process.
+std::unique_ptr<Crew> crew_of_threads(unsigned threads, Crew::Work work, const std::atomic<bool>* stop);
+
+/// `work` is called in copies of this process, made by fork(2): memory that it changes is its own. A task that ends its
+/// process (a crash, exit(), kill -9) has failed with ErrorKind::work, the signal and what it wrote to stderr last; the
+/// next task gets a new process. What tasks write to stderr appears after each. When this process ends, so do they.
+std::unique_ptr<Crew> crew_of_processes(unsigned processes, Crew::Work work, const std::atomic<bool>* stop);
+
+/// Between processes and ranks.
+void put(BytesOut& out, const Crew::Done& done);
+Crew::Done get_done(BytesIn& in);
 
 }  // namespace tribotwin::twin

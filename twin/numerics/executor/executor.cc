@@ -21,27 +21,6 @@ double lead_s(int ranks) { return std::max(0.1, 4e-4 * ranks); }
 constexpr double hold_share = 0.25;
 constexpr std::size_t full_message = 1 << 20;
 
-void put(BytesOut& out, const Crew::Done& done) {
-  out.put<std::uint64_t>(done.task).put(done.seconds).put(done.stopped).put(done.result.has_value());
-  if (done.result)
-    out.put(std::string_view(*done.result));
-  else
-    out.put(done.result.error().kind).put(std::string_view(done.result.error().message));
-}
-
-Crew::Done get_done(BytesIn& in) {
-  Crew::Done done{.task = in.get<std::uint64_t>(), .result = {}};
-  done.seconds = in.get<double>();
-  done.stopped = in.get<bool>();
-  if (in.get<bool>()) {
-    done.result = in.text();
-  } else {
-    const auto kind = in.get<ErrorKind>();
-    done.result = tl::unexpected(Error(in.text(), kind));
-  }
-  return done;
-}
-
 std::string packed(const Outcome& outcome) {
   BytesOut out;
   out.put<std::uint64_t>(outcome.results.size()).put<std::uint64_t>(outcome.present).put(outcome.stopped);
@@ -66,6 +45,10 @@ Outcome unpacked(const std::string& bytes) {
   return outcome;
 }
 
+std::unique_ptr<Crew> crew_of(unsigned threads, const Tasks& tasks, const ExecutorOptions& options) {
+  return (tasks.own_processes ? crew_of_processes : crew_of_threads)(threads, tasks.work, options.stop);
+}
+
 /// What a rank must have in common with rank 0 to take part.
 std::string same_for_all(const Tasks& tasks) { return fmt::format("{} {}", tasks.count, tasks.identity); }
 
@@ -81,20 +64,20 @@ class Leader {
         missing_(missing()),
         manager_(missing_, options.retries, lead_s(ranks.size())),
         threads_(threads_of(options.threads, ranks)),
-        crew_(threads_, tasks.work, options.stop) {}
+        crew_(crew_of(threads_, tasks, options)) {}
 
   Result<Outcome> run() {
     put_in_order(missing_);
     manager_.enroll(0, threads_);
-    crew_.add(jobs(0));
+    crew_->add(jobs(0));
     for (Pause pause; !manager_.complete();) {
       const auto wait =
           ranks_.several() ? std::chrono::microseconds(pause.next_us(longest_us())) : std::chrono::seconds(1);
-      auto own = crew_.take(wait);
+      auto own = crew_->take(wait);
       if (receive() || !own.empty()) pause.something();
       for (auto& done : own) over(0, std::move(done));
       if (stop_ && *stop_) manager_.stop();
-      crew_.add(jobs(0));
+      crew_->add(jobs(0));
       // What failed on one rank may become another's at any time.
       for (const int rank : members_) grant(rank);
     }
@@ -206,7 +189,7 @@ class Leader {
   const unsigned threads_;
   std::vector<int> members_;
   Result<void> kept_;
-  Crew crew_;
+  const std::unique_ptr<Crew> crew_;
 };
 
 /// The other ranks: do what rank 0 says, until it has all results.
@@ -217,7 +200,7 @@ class Follower {
         operation_(ranks.begin()),
         hold_(hold_share * lead_s(ranks.size())),
         threads_(threads_of(options.threads, ranks)),
-        crew_(threads_, tasks.work, options.stop) {
+        crew_(crew_of(threads_, tasks, options)) {
     BytesOut out;
     out.put(operation_).put(threads_).put(std::string_view(same_for_all(tasks)));
     ranks.post(0, Kind::ready, out.take());
@@ -225,14 +208,14 @@ class Follower {
 
   Result<Outcome> run() {
     for (Pause pause;;) {
-      auto done = crew_.take(std::chrono::microseconds(in_hand_ ? pause.next_us(busy_us) : pause.next_us()));
+      auto done = crew_->take(std::chrono::microseconds(in_hand_ ? pause.next_us(busy_us) : pause.next_us()));
       if (!done.empty()) pause.something();
       in_hand_ -= done.size();
       for (const auto& one : done) add(one);
       while (const auto parcel = ranks_.poll()) {
         pause.something();
         BytesIn in(parcel->bytes);
-        if (parcel->kind == Kind::tasks && in.get<std::uint64_t>() == operation_) crew_.add(jobs(in));
+        if (parcel->kind == Kind::tasks && in.get<std::uint64_t>() == operation_) crew_->add(jobs(in));
       }
       if (auto outcome = ranks_.shared(operation_)) return outcome->map(unpacked);
       send_when_due();
@@ -263,7 +246,7 @@ class Follower {
   void send_when_due() {
     if (!waiting_) return;
     const std::chrono::duration<double> held = Clock::now() - oldest_;
-    if (crew_.waiting() >= threads_ && held.count() < hold_ && results_.size() < full_message) return;
+    if (crew_->waiting() >= threads_ && held.count() < hold_ && results_.size() < full_message) return;
     ranks_.post(0, Kind::results, BytesOut().put(operation_).take() + results_.take());
     results_ = {};
     waiting_ = false;
@@ -277,7 +260,7 @@ class Follower {
   BytesOut results_;
   bool waiting_ = false;
   Clock::time_point oldest_;
-  Crew crew_;
+  const std::unique_ptr<Crew> crew_;
 };
 
 }  // namespace

@@ -21,6 +21,9 @@ struct Tasks {
   std::string identity;  ///< of what the tasks are made from: a rank that has another (an old file) is not used
   /// On any rank, from several threads; may throw. The result is a function of the task and of its input.
   Crew::Work work;
+  /// `work` is called in processes of its own (crew_of_processes): a task that crashes fails alone. Otherwise in
+  /// threads, and it ends the program.
+  bool own_processes = false;
   /// Rank 0, before the first task: a result from an earlier run. May be empty.
   std::function<std::optional<std::string>(std::size_t task)> present;
   /// Rank 0, one call at a time, in the order in which tasks finish: the result is to be kept. An error (a full disk)

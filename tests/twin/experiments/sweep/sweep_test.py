@@ -122,6 +122,25 @@ for name, how in (("kill", signal.SIGKILL), ("interrupt", signal.SIGINT)):
     present = int(r.stdout.split("runs, ")[1].split()[0]) if "runs, " in r.stdout else -1
     check(name + ": goes on", r.returncode == 0 and 4 <= present < 40, (r.stdout, r.stderr))
     check(name + ": the same bytes", bytes_of(name) == bytes_of("whole"))
+# A process of runs that is killed: its run is made again, and nothing else is lost.
+p = subprocess.Popen(
+    [program, "sweep", "longer.yaml", "-o", "crash", "--threads", "2"],
+    cwd=work,
+    stdout=subprocess.PIPE,
+    stderr=subprocess.PIPE,
+)
+killed, made = 0, 0
+while p.poll() is None and killed < 3:
+    runs = len(os.listdir(path("crash", "runs"))) if os.path.isdir(path("crash", "runs")) else 0
+    processes = open(f"/proc/{p.pid}/task/{p.pid}/children").read().split()
+    if runs >= made and len(processes) == 2:
+        os.kill(int(processes[killed % 2]), signal.SIGKILL)
+        killed, made = killed + 1, runs + 5
+    time.sleep(0.002)
+said = [text.decode() for text in p.communicate()]
+check("killed processes: three of them", killed == 3, killed)
+check("killed processes: the sweep is whole", p.returncode == 0 and "0 failed" in said[0], (p.returncode, said))
+check("killed processes: the same bytes", bytes_of("crash") == bytes_of("whole"))
 status = json.loads(run("-o", "kill", "--status", "--json").stdout)
 check("--status after it", status["finished"] and status["present"] == 40 and status["failed"] == 0, status)
 
