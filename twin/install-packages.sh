@@ -22,6 +22,7 @@ if [ "${1:-}" = --tests ]; then
     python3-can python3-canmatrix tshark mandoc
     dpkg-dev lintian   # Debian packages
     libopenmpi-dev openmpi-bin   # programs on several ranks
+    slurmctld slurmd slurm-client   # a job of a cluster
   )
 fi
 missing=()

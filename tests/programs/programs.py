@@ -109,6 +109,11 @@ commands = [
             "sweep", ("tribotwin", "sweep", "{in}/plan.yaml", "-o", "out", "--threads", "1"), ("out/",), resumable=True
         ),
         Command(
+            "sweep --slurm",
+            ("tribotwin", "sweep", "{in}/plan.yaml", "-o", "out", "--slurm", "--ranks", "2"),
+            ("out.sbatch",),
+        ),
+        Command(
             "calibrate",
             ("tribotwin", "calibrate", "{in}/fit.yaml", "-o", "out", "--threads", "1"),
             ("out/",),
@@ -564,6 +569,9 @@ def wrong_session(data, ended):
     return "" if all(TURN_LINE.fullmatch(line) for line in turns) else "has a line that is no turn"
 
 
+# Of a job for Slurm: what was measured, and the folder of the case.
+JOB_FIGURES = re.compile(rb"[0-9.e+-]+ (?=s |min |MB)|(?<=--time=)\d+|(?<=/cases/)\d+")
+
 LOG_LINE = re.compile(rb"\(\d+\.\d{6}\) \S+ [0-9A-F]{3,8}#[0-9A-FR]*")
 
 
@@ -604,6 +612,9 @@ def not_whole(name, data, truth):
             )
         if name.endswith(".session"):
             return wrong_session(data, True)
+        if name.endswith(".sbatch"):
+            same = JOB_FIGURES.sub(b"N", data) == JOB_FIGURES.sub(b"N", truth)
+            return "" if same else "is another job"
         if os.path.basename(name) == "summary.json":
             return "" if steady(json.loads(data)) == steady(json.loads(truth)) else "is not that of the undisturbed run"
         if os.path.basename(name) == "stats.json":

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <memory>
@@ -5,8 +6,10 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <sys/resource.h>
 
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/experiments/sweep/batch_job.hpp>
 #include <tribotwin/twin/experiments/sweep/sweep.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/json.hpp>
@@ -24,8 +27,8 @@ using Json = nlohmann::ordered_json;
 struct Arguments {
   std::string plan, directory;
   unsigned threads = 0;
-  std::optional<std::int64_t> run;
-  bool dry_run = false, status = false, json = false, quiet = false, force = false;
+  std::optional<std::int64_t> run, ranks;
+  bool dry_run = false, slurm = false, status = false, json = false, quiet = false, force = false;
 };
 
 std::string seconds(double s) {
@@ -52,26 +55,90 @@ Result<Exit> show_status(const Arguments& a) {
   return done;
 }
 
-/// Makes one run to time it, and writes nothing.
-Result<Exit> foretell(const Arguments& a, const sweep::Plan& plan) {
+struct Sample {
+  sweep::RunResult made;
+  double one_s = 0, memory_MB = 0;  ///< memory: the largest that this process had
+};
+
+/// Run 0, to time it; writes nothing.
+Sample sample_of(const sweep::Plan& plan) {
   const auto start = std::chrono::steady_clock::now();
-  const auto made = or_throw(sweep::make_run(plan, 0, &interrupted()));
-  const double one_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  const unsigned threads = threads_of(a.threads);
-  const double rounds = std::ceil(static_cast<double>(plan.runs) / threads);
+  Sample sample{.made = or_throw(sweep::make_run(plan, 0, &interrupted()))};
+  sample.one_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  rusage usage{};
+  ::getrusage(RUSAGE_SELF, &usage);
+  sample.memory_MB = static_cast<double>(usage.ru_maxrss) / 1024;
+  return sample;
+}
+
+Result<void> worked(const Sample& sample) {
+  if (sample.made.failed()) return work_failed("run 0 failed: " + sample.made.message);
+  return {};
+}
+
+Result<Exit> foretell(const Arguments& a, const sweep::Plan& plan) {
+  const unsigned several = static_cast<unsigned>(a.ranks.value_or(ranks().size()));
+  const unsigned threads = a.threads ? a.threads : several > 1 ? 1 : threads_of(0);
+  const Sample sample = sample_of(plan);
+  const double all_s = sweep::predicted_s(plan.runs, sample.one_s, several * threads);
   if (a.json)
     return deliver(Json{{"runs", plan.runs},
+                        {"ranks", several},
                         {"threads", threads},
-                        {"seconds_of_one", one_s},
-                        {"seconds", one_s * rounds},
-                        {"status", made.status},
-                        {"message", made.message}}
+                        {"seconds_of_one", sample.one_s},
+                        {"seconds", all_s},
+                        {"memory_MB", sample.memory_MB},
+                        {"status", sample.made.status},
+                        {"message", sample.made.message}}
                        .dump(2) +
                    "\n");
-  print("{} runs; run 0 took {} and is {}{}{}; on {} threads the sweep takes about {}\n", plan.runs, seconds(one_s),
-        made.status, made.message.empty() ? "" : ": ", made.message, threads, seconds(one_s * rounds));
-  for (std::size_t o = 0; o < made.outputs.size(); ++o) print("{} = {}\n", plan.outputs[o].name, made.outputs[o]);
-  if (made.failed()) return work_failed("run 0 failed: " + made.message);
+  print("{} runs; run 0 took {} and {:.0f} MB and is {}{}{}; on {}{} thread{} the sweep takes about {}\n", plan.runs,
+        seconds(sample.one_s), sample.memory_MB, sample.made.status, sample.made.message.empty() ? "" : ": ",
+        sample.made.message, several > 1 ? fmt::format("{} ranks of ", several) : "", threads, threads == 1 ? "" : "s",
+        seconds(all_s));
+  for (std::size_t o = 0; o < sample.made.outputs.size(); ++o)
+    print("{} = {}\n", plan.outputs[o].name, sample.made.outputs[o]);
+  if (auto ok = worked(sample); !ok) return tl::unexpected(ok.error());
+  return done;
+}
+
+/// The file for sbatch, and how long its job takes.
+Result<Exit> write_job(const Arguments& a, const sweep::Plan& plan) {
+  namespace fs = std::filesystem;
+  fs::path directory = fs::absolute(a.directory).lexically_normal();
+  if (!directory.has_filename()) directory = directory.parent_path();
+  if (!directory.has_filename()) throw InputError(fmt::format("-o {}: is not the name of a new folder", a.directory));
+  sweep::BatchJob job{.program = fs::read_symlink("/proc/self/exe"),
+                      .plan = fs::absolute(plan.file).lexically_normal(),
+                      .directory = directory,
+                      .runs = plan.runs,
+                      .threads = std::max(a.threads, 1U)};
+  const fs::path file = sweep::batch_file(job);
+  std::error_code error;
+  fs::create_directories(file.parent_path(), error);  // as a sweep does; what is wrong with it says check_output
+  or_wrong_input(check_output(file, replace_if(a.force), std::vector{job.plan, plan.scenario}));
+  or_throw(sweep::sbatch(job));  // names that it cannot hold, before the run
+  const Sample sample = sample_of(plan);
+  if (auto ok = worked(sample); !ok) return tl::unexpected(ok.error());
+  job.one_s = sample.one_s, job.memory_MB = sample.memory_MB;
+  job.ranks = a.ranks ? static_cast<unsigned>(*a.ranks) : sweep::suitable_ranks(plan.runs, job.one_s, job.threads);
+  if (auto ok = write_file(file, or_throw(sweep::sbatch(job)), replace_if(a.force)); !ok)
+    return tl::unexpected(ok.error());
+  const double all_s = sweep::predicted_s(plan.runs, job.one_s, job.ranks * job.threads);
+  if (a.json)
+    return deliver(Json{{"file", file.string()},
+                        {"runs", plan.runs},
+                        {"ranks", job.ranks},
+                        {"threads", job.threads},
+                        {"seconds_of_one", job.one_s},
+                        {"seconds", all_s},
+                        {"memory_MB", job.memory_MB}}
+                       .dump(2) +
+                   "\n");
+  if (!a.quiet)
+    print("written: {0} ({1} runs on {2} rank{3} of {4} thread{5}: about {6}); submit it with: sbatch {0}\n",
+          file.string(), plan.runs, job.ranks, job.ranks == 1 ? "" : "s", job.threads, job.threads == 1 ? "" : "s",
+          seconds(all_s));
   return done;
 }
 
@@ -167,13 +234,16 @@ Result<Exit> execute(const Arguments& a) {
   if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
   if (a.directory.empty() && !a.dry_run)
     throw InputError("-o: is missing: the folder for the results (or use --dry-run)");
-  const bool divided = !a.status && !a.dry_run && !a.run;
+  if (a.ranks && !a.dry_run && !a.slurm)
+    throw InputError("--ranks: is for --dry-run and --slurm; mpirun -n N starts a sweep on N ranks");
+  const bool divided = !a.status && !a.dry_run && !a.slurm && !a.run;
   if (!divided && !ranks().root()) return done;
   if (a.status) return show_status(a);
   if (a.plan.empty()) throw InputError("sweep needs a plan, for example irb6620_sweep");
   catch_interrupts();
   const sweep::Plan plan = or_throw(sweep::load_plan(given_or_shipped(a.plan, ".yaml")));
   if (a.dry_run) return foretell(a, plan);
+  if (a.slurm) return write_job(a, plan);
   if (a.run) return repeat(a, plan);
   const auto result = [&] {
     Progress progress(a.quiet, fmt::format("{} runs", plan.runs));
@@ -211,16 +281,24 @@ void add_sweep(CLI::App& app, int& code) {
   command->add_option("--threads", a->threads, "Runs at once (default: one per core; under mpirun, per rank: 1)")
       ->check(CLI::Range(1, 1024));
   auto* dry_run = command->add_flag("--dry-run", a->dry_run, "Make one run, say how long all take, write nothing");
+  auto* slurm = command->add_flag(
+      "--slurm", a->slurm, "Write DIR.sbatch, a job of Slurm that makes the sweep and goes on when it is stopped");
+  command->add_option("--ranks", a->ranks, "MPI ranks to foretell for, or of the job (default: about 15 min of work)")
+      ->check(CLI::Range(1, 100000));
   auto* status = command->add_flag("--status", a->status, "Say how far the sweep in the folder of -o is; reads only");
   command->add_option("--run", a->run, "Make run N of the plan alone, with telemetry, as 'tribotwin run' does")
       ->check(CLI::Range(0, 10000000))
       ->excludes(dry_run)
+      ->excludes(slurm)
       ->excludes(status);
-  dry_run->excludes(status);
+  dry_run->excludes(status)->excludes(slurm);
+  slurm->excludes(status);
   command->add_flag("--json", a->json, "Print JSON instead of text");
   command->add_flag("--quiet", a->quiet, "No progress, no summary");
   command->add_flag("--force", a->force, "Replace results that were changed since they were made");
-  command->footer("Example:\n  tribotwin sweep irb6620_sweep -o sweeps/irb6620");
+  command->footer(
+      "Example:\n  tribotwin sweep irb6620_sweep -o sweeps/irb6620\n  tribotwin sweep irb6620_sweep -o sweeps/cluster "
+      "--slurm --ranks 4");
   command->callback([a, &code] { code = or_throw(execute(*a)); });
 }
 

@@ -111,6 +111,19 @@ for name, arguments in {
     check("%s: rank 0 prints, once" % name, plain(r.stdout) == plain(alone.stdout), (r.stdout, alone.stdout))
     check("%s: and warns once" % name, plain(r.stderr) == plain(alone.stderr), (r.stderr, alone.stderr))
 
+# Two machines of a hostfile: two addresses of this one, with a stand-in for ssh.
+write("ssh", '#!/bin/bash\nwhile [[ $1 == -* ]]; do shift; done\necho "$1" >> ssh.log\nshift\nexec sh -c "$*"\n')
+os.chmod(path("ssh"), 0o755)
+write("hosts", "127.0.0.2 slots=2\n127.0.0.3 slots=2\n")
+over_tcp = {k: v for k, v in environment.items() if k not in ("OMPI_MCA_plm", "OMPI_MCA_rmaps_base_oversubscribe")}
+over_tcp.update(OMPI_MCA_plm_rsh_agent=path("ssh"), OMPI_MCA_btl="self,tcp", OMPI_MCA_btl_tcp_if_include="lo")
+r = harness.run(
+    "mpirun", "--hostfile", "hosts", "-n", 4, program, "sweep", "sweep.yaml", "-o", "hosts4", "--quiet",
+    env={**over_tcp, "OMPI_MCA_oob_tcp_if_include": "lo"}, timeout=120,
+)  # fmt: skip
+check("a hostfile: the same bytes", r.returncode == 0 and files("hosts4") == files("sweep1"), r.stderr)
+check("a hostfile: both machines", content("ssh.log").split() == ["127.0.0.2", "127.0.0.3"], content("ssh.log"))
+
 # Errors: said once, the exit code is that of rank 0.
 r = harness.run(
     "mpirun", "-n", 2, program, "lab", "lab.yaml", "-o", path("partly"), "--quiet", ":",
