@@ -27,6 +27,7 @@ using Json = nlohmann::ordered_json;
 struct Arguments {
   std::string plan, directory;
   unsigned threads = 0;
+  int retries = 1;
   std::optional<std::int64_t> run, ranks;
   bool dry_run = false, slurm = false, status = false, json = false, quiet = false, force = false;
 };
@@ -251,7 +252,8 @@ Result<Exit> execute(const Arguments& a) {
                             {.directory = a.directory,
                              .threads = a.threads,
                              .existing = replace_if(a.force),
-                             .progress = [&](double share, double left) { progress(share, left); }},
+                             .progress = [&](double share, double left) { progress(share, left); },
+                             .retries = a.retries},
                             &interrupted());
   }();
   if (!result && interrupted())
@@ -280,6 +282,10 @@ void add_sweep(CLI::App& app, int& code) {
                       "Folder for the results; continues a sweep that was interrupted there");
   command->add_option("--threads", a->threads, "Runs at once (default: one per core; under mpirun, per rank: 1)")
       ->check(CLI::Range(1, 1024));
+  command
+      ->add_option("--retries", a->retries,
+                   "Further attempts of a run that fails, but not because of its input (default: 1)")
+      ->check(CLI::Range(0, 100));
   auto* dry_run = command->add_flag("--dry-run", a->dry_run, "Make one run, say how long all take, write nothing");
   auto* slurm = command->add_flag(
       "--slurm", a->slurm, "Write DIR.sbatch, a job of Slurm that makes the sweep and goes on when it is stopped");

@@ -16,6 +16,7 @@ struct RunResult {
   std::string message;                     ///< the checks that warn, or why it failed
   std::vector<double> outputs;             ///< NaN where there is none; empty where it failed
   std::vector<std::vector<double>> bands;  ///< per signal and time; empty where it failed
+  bool another_attempt = false;            ///< it failed, and not because of its input; not in a line
   bool failed() const { return status == "failed"; }
 };
 

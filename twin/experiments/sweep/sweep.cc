@@ -29,8 +29,12 @@ std::string warnings_of(const Summary& summary) {
   return joined(checks);
 }
 
-RunResult failed(std::string message) {
-  return {.status = "failed", .message = std::move(message), .outputs = {}, .bands = {}};
+RunResult failed(const Error& error) {
+  return {.status = "failed",
+          .message = error.message,
+          .outputs = {},
+          .bands = {},
+          .another_attempt = error.kind == ErrorKind::work};
 }
 
 /// Whether the text is a run of this plan.
@@ -49,9 +53,10 @@ ResumableJobs jobs_of(const Plan& plan, std::size_t count, const std::atomic<boo
   jobs.make = [&plan, stop](std::size_t run) -> Result<std::string> {
     const auto made = make_run(plan, run, stop);
     if (!made) return tl::unexpected(made.error());
+    if (made->another_attempt) return work_failed(made->message);
     return to_line(run, *made);
   };
-  jobs.in_place_of = [](std::size_t run, const Error& error) { return to_line(run, failed(error.message)); };
+  jobs.in_place_of = [](std::size_t run, const Error& error) { return to_line(run, failed(error)); };
   return jobs;
 }
 
@@ -106,12 +111,12 @@ Result<void> write_results(const Plan& plan, const LabOptions& options, SweepRes
 Result<RunResult> make_run(const Plan& plan, std::size_t run, const std::atomic<bool>* stop) {
   if (stop && *stop) return work_failed("interrupted");
   const auto scenario = load_scenario(plan.scenario, plan.settings(run));
-  if (!scenario) return failed(scenario.error().message);
+  if (!scenario) return failed(scenario.error());
   Collector collector(*scenario, plan.outputs, plan.bands, plan.band_times_s);
   RunOptions options{.directory = {}, .stop = stop, .progress = {}, .sample = {}, .cycle = {}};
   collector.listen(options);
   const auto summary = twin::run(*scenario, options);
-  if (!summary) return failed(summary.error().message);
+  if (!summary) return failed(summary.error());
   if (summary->interrupted) return work_failed("interrupted");
   const std::string warnings = warnings_of(*summary);
   return RunResult{.status = warnings.empty() ? "ok" : "warned",

@@ -167,6 +167,26 @@ write("stopped.yaml", open(path("wide.yaml")).read() + "stop: {failures: 1}\n")
 r = run("stopped.yaml", "-o", "stopped")
 check("stop: after failures", r.returncode == 1 and "stopped after 32 of 40" in r.stderr, r.stderr)
 
+# ---- Runs that fail while they work: tried again, then recorded as the others.
+write(
+    "strict.xml",
+    PENDULUM.replace('<config key="load_max"', '<config key="validity" value="error"/><config key="load_max"'),
+)
+write("strict_scenario.yaml", content("scenario.yaml").replace("pendulum.xml", "strict.xml"))
+write(
+    "strict.yaml",
+    "scenario: strict_scenario.yaml\nset: {duration_s: 1}\noutputs: [heat_J]\ndesign: {type: grid}\n"
+    "factors: {drives.hinge.load_max: [0.4, 1.2], temperature_degC: [20, 30]}\n",
+)
+for name, arguments in {"strict": ("--retries", "0"), "stricter": ("--retries", "3", "--threads", "4")}.items():
+    r = run("strict.yaml", "-o", name, *arguments)
+    rows = list(csv.DictReader(open(path(name, "results.csv"))))
+    check(f"{name}: the sweep is complete", [x["status"] for x in rows] == ["failed"] * 2 + ["ok"] * 2, rows)
+    check(f"{name}: says why", r.returncode == 1 and "left the range" in r.stderr and "left" in rows[0]["message"], r)
+check("failures: the same bytes", content("strict/results.h5", "rb") == content("stricter/results.h5", "rb"))
+r = run("strict.yaml", "-o", "strict")
+check("failures: tried again by the next call", r.returncode == 1 and "2 of them from earlier calls" in r.stdout, r)
+
 # ---- Stop rules and indices.
 enough = SMALL.replace("runs: 40", "runs: 400").replace("seed: [1, 2, 3]", "telemetry_rate_hz: [100, 200]")
 write("enough.yaml", enough + "stop: {narrower_than: {heat_J: %g}}\n" % (heat.std() / 2))
