@@ -196,7 +196,8 @@ def again(command, over_old, killed, truth):
                 complaints.append(f"recover: exit code {r.returncode}, {r.stderr[-200:]}")
             elif snapshot(folder)["out/telemetry.h5"] != record:
                 complaints.append("recover refused and changed the original")
-    r = run(command, command.knows_force and not command.resumable, folder)
+    over = command.state and "out/summary.json" in killed.after  # it was killed when all was done
+    r = run(command, command.knows_force and (not command.resumable or over), folder)
     if r.code != 0:
         return complaints + [f"started again: exit code {r.code}, {r.stderr[-200:]!r}"]
     return complaints + ["started again: " + why for why in missing(r, truth)]

@@ -45,6 +45,7 @@ class Command:
     given: tuple = ()  # inputs that are copied there, because it writes beside or over them
     old: tuple = ()  # (input, name there): an old result to be replaced with --force; files of `out` have one anyway
     resumable: bool = False  # started again, it goes on
+    state: str = ""  # what it needs for that, beside its results; gone once they are complete
     as_one: bool = False  # its files are one result: the old one is whole until the new one is
     recording: bool = False  # what it recorded until it failed may stay: rows or lines that are right, not all of them
     slow: bool = False  # too long to be run hundreds of times
@@ -94,6 +95,8 @@ commands = [
             "run, varied",
             ("tribotwin", "run", "{in}/varied.yaml", "-o", "out", "--threads", "1"),
             ("out/",),
+            resumable=True,
+            state="out/.unfinished/",
             recording=True,
         ),
         Command(
@@ -683,7 +686,7 @@ def judge(command, outcome, truth, killed=False):
                 why = wrong_part(name, now, new, killed)
             if why:
                 complaints.append(f"{name} ({len(now)} bytes) {why}")
-        elif now not in before.values():
+        elif now not in before.values() and not (command.state and name.startswith(command.state)):
             litter.append(name)
     for output in command.out if command.as_one else ():  # a folder is one result
         belongs = lambda name: name == output or output.endswith("/") and name.startswith(output)

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/experiments/unfinished_runs.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/telemetry/run_folder.hpp>
@@ -240,18 +241,27 @@ std::vector<Scenario> scenarios_of(const Arguments& a, const fs::path& file, con
   return scenarios;
 }
 
-/// Runs them on all threads and ranks; each rank writes the folders of its runs. A report per run.
+/// Runs those that are missing on all threads and ranks; each rank writes the folders of its runs. A report per run.
 Result<Outcome> run_all(const Arguments& a, const std::vector<Variation>& all, const std::vector<Scenario>& scenarios,
-                        const fs::path& output) {
+                        const fs::path& output, UnfinishedRuns& unfinished) {
   SharedProgress progress(a.quiet, all.size());
-  std::string identity;
-  for (const Scenario& one : scenarios) identity += one.resolved_yaml;
+  const std::string identity = identity_of(scenarios);
+  const auto resumed = ranks().from_root([&]() -> Result<std::string> {
+    std::vector<std::string> folders;
+    for (const Variation& one : all) folders.push_back(one.folder);
+    auto opened = UnfinishedRuns::open(output, folders, identity, a.force);
+    if (!opened) return tl::unexpected(opened.error());
+    unfinished = *std::move(opened);
+    return unfinished.resumed() ? "resumed" : "";
+  });
+  if (!resumed) return tl::unexpected(resumed.error());
+  const Existing existing = replace_if(a.force || !resumed->empty());
   const Tasks tasks{.count = all.size(),
                     .identity = identity,
                     .work = [&](std::size_t i, const std::string&) -> Result<std::string> {
                       const auto summary =
                           twin::run(scenarios[i], {.directory = output / all[i].folder,
-                                                   .existing = replace_if(a.force),
+                                                   .existing = existing,
                                                    .realtime = a.realtime,
                                                    .stop = &interrupted(),
                                                    .progress = [&](double share, double) { progress(i, share); }});
@@ -259,9 +269,10 @@ Result<Outcome> run_all(const Arguments& a, const std::vector<Variation>& all, c
                       if (summary->interrupted) return work_failed("interrupted");
                       return report_of({all[i].folder, all[i].settings, *summary}).dump();
                     },
-                    .keep = [&](std::size_t i, const std::string&) -> Result<void> {
+                    .present = [&](std::size_t i) { return unfinished.find(all[i].folder); },
+                    .keep = [&](std::size_t i, const std::string& report) -> Result<void> {
                       progress(i, 1);
-                      return {};
+                      return unfinished.keep(all[i].folder, report);
                     }};
   // Not tried again: the folder of a failed run shows how far it came.
   return carry_out(tasks, {.threads = a.realtime ? 1 : a.threads, .retries = 0, .stop = &interrupted()});
@@ -273,7 +284,8 @@ tl::unexpected<Error> not_all(const Outcome& outcome, const std::vector<Variatio
   if (!outcome.failures.empty())
     return tl::unexpected(Error(text_of(outcome.failures, folder), outcome.failures.front().error.kind));
   const auto first = std::ranges::find(outcome.results, "") - outcome.results.begin();
-  return work_failed(fmt::format("{}: interrupted; {} of {} runs are complete", folder(static_cast<std::size_t>(first)),
+  return work_failed(fmt::format("{}: interrupted; {} of {} runs are complete, and the same command goes on",
+                                 folder(static_cast<std::size_t>(first)),
                                  std::ranges::count_if(outcome.results, [](const auto& r) { return !r.empty(); }),
                                  all.size()));
 }
@@ -288,16 +300,20 @@ Result<Exit> vary(const Arguments& a, const fs::path& file, const std::vector<Va
     require_other_folder(output, file);
     return folder.open(output, replace_if(a.force));
   }));
-  const auto outcome = run_all(a, all, scenarios, output);
+  UnfinishedRuns unfinished;
+  const auto outcome = run_all(a, all, scenarios, output, unfinished);
   if (!outcome) return tl::unexpected(outcome.error());
   if (outcome->stopped || !outcome->failures.empty()) return not_all(*outcome, all);
   if (!ranks().root()) return done;
   std::vector<Json> reports;
   for (const std::string& result : outcome->results) reports.push_back(Json::parse(result));
   const std::string summary = varied_summary(reports);
+  if (const auto ok = unfinished.close(); !ok) return work_failed(ok.error().message);
   if (const auto ok = write_file(output / "summary.json", summary, Existing::refuse); !ok)
     return work_failed(ok.error().message);
   folder.commit();
+  unfinished.forget();
+  if (outcome->present && !a.quiet) note("{} of {} runs are those of an earlier call", outcome->present, all.size());
   if (a.json)
     print("{}", summary);
   else if (!a.quiet)

@@ -1,0 +1,106 @@
+"""`tribotwin run` of a scenario that varies, interrupted and killed: the same command makes what is missing, and
+nothing else. Argument: program."""
+import os, re, shutil, signal, subprocess, sys, time
+
+import h5py
+
+import harness
+from harness import check, check_refused, content, finish, path, work
+from pendulum import PENDULUM
+
+program = sys.argv[1]
+RUNS = ("20", "30", "40", "50", "60")
+SCENARIO = f"""model: pendulum.xml
+duration_s: 60
+telemetry_rate_hz: 100
+vary: [{{temperature_degC: [{", ".join(RUNS)}]}}]
+motion: {{type: cycle, speed_rad_s: 1, waypoints: [{{position_rad: 0}}, {{position_rad: 0.5}}]}}
+"""
+
+
+def write(name, text):
+    with open(path(name), "w") as f:
+        f.write(text)
+
+
+def run(*arguments, **options):
+    return harness.run(program, "run", "vary.yaml", "--threads", "1", *arguments, **options)
+
+
+def values(folder):
+    """What the runs say, but for wall times."""
+    found = {"summary": re.sub(r'"(wall_s|realtime_factor)": [^,]*,', "", content(folder + "/summary.json"))}
+    for name in RUNS:
+        with h5py.File(path(folder, name, "telemetry.h5")) as f:
+            f.visititems(lambda k, x: found.update({name + k: x[()].tolist()}) if isinstance(x, h5py.Dataset) else None)
+    return found
+
+
+def complete(folder):
+    """Runs that are over, and when their summaries were written."""
+    unfinished = path(folder, ".unfinished", "checksums")
+    names = RUNS if os.path.exists(path(folder, "summary.json")) else ()
+    if os.path.exists(unfinished):
+        names = [line.split(" ")[-1] for line in content(unfinished).splitlines() if line.split(" ")[-1] in RUNS]
+    return {name: os.stat(path(folder, name, "summary.json")).st_mtime_ns for name in names}
+
+
+write("pendulum.xml", PENDULUM)
+write("vary.yaml", SCENARIO)
+r = run("-o", "whole")
+check("undisturbed", r.returncode == 0 and "earlier" not in r.stderr, r.stderr)
+check("leaves nothing behind", not os.path.exists(path("whole/.unfinished")), os.listdir(path("whole")))
+truth, said = values("whole"), r.stdout
+plain = lambda text, folder: re.sub(r"[0-9.]+ s\b", "", text.replace(folder, "whole"))
+
+for name, how in (("interrupted", signal.SIGINT), ("killed", signal.SIGKILL)):
+    made = {}
+    for wanted in (1, 3):
+        p = subprocess.Popen(
+            [program, "run", "vary.yaml", "--threads", "1", "-o", name], cwd=work, stdout=-3, stderr=subprocess.PIPE
+        )
+        end = time.time() + 60
+        while time.time() < end and p.poll() is None and len(complete(name)) < wanted:
+            time.sleep(0.002)
+        p.send_signal(how)
+        error = p.communicate()[1].decode()
+        check(f"{name}: not complete", p.returncode != 0 and not os.path.exists(path(name, "summary.json")), error)
+        there = complete(name)
+        again = [k for k, when in made.items() if there.get(k) != when]
+        check(f"{name}: complete runs stay", not again and len(there) >= wanted, (made, there))
+        made = there
+        if how == signal.SIGINT:
+            check("interrupted: says how it goes on", "the same command goes on" in error, error)
+    write("vary.yaml", SCENARIO.replace("60]", "61]"))
+    check_refused(f"{name}: another scenario", run("-o", name), ["holds a run already", "not of this scenario"])
+    write("vary.yaml", SCENARIO)
+    r = run("-o", name)
+    check(f"{name}: goes on", r.returncode == 0 and "of 5 runs are those of an earlier call" in r.stderr, r.stderr)
+    there = complete(name)
+    check(f"{name}: complete runs stayed", all(there[k] == when for k, when in made.items()), (made, there))
+    check(f"{name}: the values of an undisturbed run", values(name) == truth)
+    check(f"{name}: says the same", plain(r.stdout, name) == plain(said, "whole"), r.stdout)
+    check(f"{name}: leaves nothing behind", not os.path.exists(path(name, ".unfinished")), os.listdir(path(name)))
+    check_refused(f"{name}: then it is a run that stays", run("-o", name), "holds a run already")
+
+# A folder of somebody else's is never taken for a leftover, the second time neither.
+os.makedirs(path("foreign"))
+shutil.copytree(path("whole/40"), path("foreign/40"))
+for _ in range(2):
+    check_refused("another run's folder", run("-o", "foreign"), "foreign/40: holds a run already")
+check("which stays", content("foreign/40/summary.json") == content("whole/40/summary.json"))
+check("and nothing is begun", os.listdir(path("foreign")) in (["40"], ["40", "run.lock"], ["run.lock", "40"]))
+
+# A model that was changed in the meantime makes other runs.
+p = subprocess.Popen([program, "run", "vary.yaml", "--threads", "1", "-o", "changed", "--quiet"], cwd=work)
+while p.poll() is None and not complete("changed"):
+    time.sleep(0.002)
+p.kill()
+p.wait()
+write("pendulum.xml", PENDULUM.replace('"Fc0" value="0.03"', '"Fc0" value="0.04"'))
+check_refused("another model", run("-o", "changed"), "not of this scenario")
+r = run("-o", "changed", "--force", "--quiet")
+check(
+    "--force begins anew", r.returncode == 0 and values("changed") != truth and len(complete("changed")) == 5, r.stderr
+)
+finish()

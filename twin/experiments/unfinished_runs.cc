@@ -1,0 +1,104 @@
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <tribotwin/twin/experiments/part_store.hpp>
+#include <tribotwin/twin/experiments/unfinished_runs.hpp>
+#include <tribotwin/twin/io/file.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/fingerprint.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char reports[] = "reports";
+constexpr std::array files_of_a_run{"telemetry.h5", "summary.json", "scenario.yaml"};
+
+/// Adds the content of each file that a value names. Models have a fingerprint of their own.
+void add_files(Fingerprint& all, const YAML::Node& node) {
+  if (node.IsMap() || node.IsSequence())
+    for (const auto& entry : node) add_files(all, node.IsMap() ? entry.second : YAML::Node(entry));
+  if (!node.IsScalar() || !node.Scalar().starts_with('/') || node.Scalar().ends_with(".xml")) return;
+  std::error_code error;
+  if (!fs::is_regular_file(node.Scalar(), error)) return;
+  std::ifstream file(node.Scalar(), std::ios::binary);
+  all.add(std::string(std::istreambuf_iterator<char>(file), {}));
+}
+
+Result<void> require_free(const fs::path& directory, const std::vector<std::string>& runs) {
+  std::error_code error;
+  for (const std::string& run : runs)
+    for (const char* name : files_of_a_run)
+      if (fs::exists(fs::symlink_status(directory / run / name, error)))
+        return tl::unexpected(Error(
+            fmt::format("{}: holds a run already ({}), not of this scenario; choose another folder with -o, or replace "
+                        "it with --force",
+                        (directory / run).string(), name)));
+  return {};
+}
+
+}  // namespace
+
+std::string identity_of(const std::vector<Scenario>& scenarios) {
+  Fingerprint all;
+  all.add(mj_versionString());
+  for (const Scenario& one : scenarios) {
+    all.add(one.resolved_yaml);
+    all.add(fmt::format("{:016x}", fingerprint(*one.model)));
+    if (one.baseline) all.add(fmt::format("{:016x}", fingerprint(*one.baseline)));
+    add_files(all, YAML::Load(one.resolved_yaml));
+  }
+  return fmt::format("{:016x}\n", all.value());
+}
+
+UnfinishedRuns::UnfinishedRuns() = default;
+UnfinishedRuns::UnfinishedRuns(UnfinishedRuns&&) noexcept = default;
+UnfinishedRuns& UnfinishedRuns::operator=(UnfinishedRuns&&) noexcept = default;
+UnfinishedRuns::~UnfinishedRuns() = default;
+
+Result<UnfinishedRuns> UnfinishedRuns::open(const fs::path& directory, const std::vector<std::string>& runs,
+                                            const std::string& identity, bool anew) {
+  UnfinishedRuns opened;
+  opened.directory_ = directory, opened.folder_ = directory / ".unfinished";
+  std::error_code error;
+  const auto there = read_text(opened.folder_ / "identity", "a file");
+  opened.resumed_ = there && *there == identity && !anew;
+  if (!opened.resumed_ && !anew)
+    if (auto ok = require_free(directory, runs); !ok) return tl::unexpected(ok.error());
+  if (!opened.resumed_) fs::remove_all(opened.folder_, error);
+  fs::create_directories(opened.folder_ / reports, error);
+  if (error)
+    return work_failed(fmt::format("{}: cannot be created ({})", (opened.folder_ / reports).string(), error.message()));
+  auto store = PartStore::open(opened.folder_, reports);
+  if (!store) return work_failed(store.error().message);
+  opened.store_ = std::make_unique<PartStore>(*std::move(store));
+  if (!opened.resumed_)
+    if (auto ok = write_file(opened.folder_ / "identity", identity, Existing::refuse); !ok)
+      return work_failed(ok.error().message);
+  return opened;
+}
+
+std::optional<std::string> UnfinishedRuns::find(const std::string& run) const {
+  std::error_code error;
+  const bool whole = std::ranges::all_of(
+      files_of_a_run, [&](const char* name) { return fs::is_regular_file(directory_ / run / name, error); });
+  return whole ? store_->find(run) : std::nullopt;
+}
+
+Result<void> UnfinishedRuns::keep(const std::string& run, const std::string& report) {
+  return store_->keep(run, report);
+}
+
+Result<void> UnfinishedRuns::close() { return store_->finish(); }
+
+void UnfinishedRuns::forget() {
+  std::error_code ignored;
+  fs::remove_all(folder_, ignored);
+}
+
+}  // namespace tribotwin::twin
