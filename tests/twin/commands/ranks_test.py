@@ -183,17 +183,19 @@ tally = {}
 
 
 def processes_of(job):
-    """Ranks of the job in their order."""
-    found = {}
+    """Ranks of the job in their order; not the processes of their tasks, which are their children."""
+    found, parents = {}, {}
     for name in glob.glob("/proc/[0-9]*/environ"):
         try:
             variables = dict(x.split("=", 1) for x in open(name).read().split("\0") if "=" in x)
             command = open(name.replace("environ", "cmdline")).read().split("\0")
+            parent = open(name.replace("environ", "stat")).read().rsplit(")", 1)[1].split()[1]
         except OSError:
             continue
         if command[0] == program and variables.get("TRIBOTWIN_TEST_JOB") == job:
-            found[int(variables["OMPI_COMM_WORLD_RANK"])] = int(name.split("/")[2])
-    return found
+            found[name.split("/")[2]] = int(variables["OMPI_COMM_WORLD_RANK"])
+            parents[name.split("/")[2]] = parent
+    return {rank: int(pid) for pid, rank in found.items() if parents[pid] not in found}
 
 
 def whole(curve):

@@ -107,16 +107,17 @@ class Job:
         return len(glob.glob(path(glob.escape(self.folder), "runs", "[0-9]*.json")))
 
     def ranks(self):
-        """Process of each rank that runs."""
-        found = {}
+        """Process of each rank that runs; not those of its tasks, its children."""
+        found, parents = {}, {}
         for pid, variables in processes("SLURM_JOB_ID", self.number).items():
             try:
-                with open(f"/proc/{pid}/cmdline") as f:
+                with open(f"/proc/{pid}/cmdline") as f, open(f"/proc/{pid}/stat") as stat:
                     if f.read().split("\0")[0] == program and "PMIX_RANK" in variables:
-                        found[int(variables["PMIX_RANK"])] = pid
+                        found[pid] = int(variables["PMIX_RANK"])
+                        parents[pid] = int(stat.read().rsplit(")", 1)[1].split()[1])
             except OSError:
                 pass
-        return found
+        return {rank: pid for pid, rank in found.items() if parents[pid] not in found}
 
     def log(self):
         return content(f"{self.folder}.slurm-{self.number}.log")

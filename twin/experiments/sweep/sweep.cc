@@ -46,11 +46,14 @@ bool is_run(const Plan& plan, std::size_t run, const std::string& text) {
          std::ranges::all_of(result->bands, [&](const auto& band) { return band.size() == plan.band_times_s.size(); });
 }
 
-ResumableJobs jobs_of(const Plan& plan, std::size_t count, const std::atomic<bool>* stop) {
+/// `earlier`: of this call; what failed there is not tried again.
+ResumableJobs jobs_of(const Plan& plan, std::size_t count, const std::vector<RunResult>& earlier,
+                      const std::atomic<bool>* stop) {
   ResumableJobs jobs{.folder = folder, .files = {}, .whole = {}, .make = {}};
   for (std::size_t r = 0; r < count; ++r) jobs.files.push_back(file_of(r));
   jobs.whole = [&plan](std::size_t run, const std::string& text) { return is_run(plan, run, text); };
-  jobs.make = [&plan, stop](std::size_t run) -> Result<std::string> {
+  jobs.make = [&plan, &earlier, stop](std::size_t run) -> Result<std::string> {
+    if (run < earlier.size()) return tl::unexpected(Error(earlier[run].message));
     const auto made = make_run(plan, run, stop);
     if (!made) return tl::unexpected(made.error());
     if (made->another_attempt) return work_failed(made->message);
@@ -137,7 +140,7 @@ Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const
     const double share_of_all = static_cast<double>(end) / static_cast<double>(plan.runs);
     if (options.progress)
       batch.progress = [&](double share, double left) { options.progress(share * share_of_all, left / share_of_all); };
-    auto completed = complete(identity, jobs_of(plan, end, stop), batch);
+    auto completed = complete(identity, jobs_of(plan, end, out.runs, stop), batch);
     if (!completed) return tl::unexpected(completed.error());
     if (!present || completed->present > out.runs.size()) present = completed->present;
     lock = completed->lock;
