@@ -53,9 +53,11 @@ std::string plain(const std::string& text) {
   return out;
 }
 
-std::string label(const Axis& axis) {
-  return quoted(
-      fmt::format("{}{}{} [{}]", plain(axis.quantity), axis.symbol.empty() ? "" : " ", axis.symbol, plain(axis.unit)));
+/// `width`: of the place beside the axis [px].
+std::string label(const Axis& axis, int width) {
+  const int rest = static_cast<int>(axis.unit.size() + 3 + (axis.symbol.empty() ? 0 : 4)) * 8;
+  return quoted(fmt::format("{}{}{}{}", plain(fitting(axis.quantity, width - rest)), axis.symbol.empty() ? "" : " ",
+                            axis.symbol, axis.unit.empty() ? "" : " [" + plain(axis.unit) + "]"));
 }
 
 struct Range {
@@ -67,13 +69,15 @@ struct Range {
 
 /// gnuplot widens a range to its tics, and warns about one without extent.
 std::string range(const char* name, const Axis& axis, Range r) {
-  if (!axis.from && !axis.to && r.low < r.high) return "";
+  const double top = axis.to.value_or(r.high);
+  const std::string marks = axis.whole && top <= 8 ? fmt::format("set {}tics 1\n", name) : "";
+  if (!axis.from && !axis.to && r.low < r.high) return marks;
   double from = axis.from.value_or(r.low), to = axis.to.value_or(r.high);
   if (!(from < to)) {
     const double pad = from == 0 ? 1 : 0.1 * std::abs(from);
     from -= pad, to += pad;
   }
-  return fmt::format("set {}range [{}:{}]\n", name, from, to);
+  return marks + fmt::format("set {}range [{}:{}]\n", name, from, to);
 }
 
 /// What is wrong with a surface, a matrix or a series; empty where nothing is.
@@ -102,6 +106,27 @@ std::string wrong_matrix(const Matrix& m) {
   return "";
 }
 
+std::string wrong_heat_map(const Figure& f) {
+  const HeatMap& m = *f.heat_map;
+  if (m.columns.empty() || m.values.size() != m.rows.size() || m.rows.empty() ||
+      std::ranges::any_of(m.values, [&](const auto& row) { return row.size() != m.columns.size(); }))
+    return fmt::format("its heat map has {} columns, {} rows and {} rows of values", m.columns.size(), m.rows.size(),
+                       m.values.size());
+  return f.colour ? "" : "its heat map needs a colour axis";
+}
+
+std::string wrong_ranking(const Ranking& r) {
+  if (r.names.empty() || r.bars.empty()) return "its ranking is empty";
+  bool any = false;
+  for (const auto& b : r.bars) {
+    if (b.values.size() != r.names.size() || b.low.size() != r.names.size() || b.high.size() != r.names.size())
+      return fmt::format("its ranking has {} names and bars of {}, {} and {} numbers", r.names.size(), b.values.size(),
+                         b.low.size(), b.high.size());
+    any |= std::ranges::any_of(b.values, [](double x) { return std::isfinite(x); });
+  }
+  return any ? "" : "its ranking has no finite value";
+}
+
 std::string wrong_series(const Figure& f, std::size_t index) {
   const Series& s = f.series[index];
   const std::string name = s.label.empty() ? fmt::format("series {}", index + 1) : fmt::format("series '{}'", s.label);
@@ -125,6 +150,8 @@ std::string wrong(const Figure& f) {
     return "its colour axis needs limits";
   if (f.surface) return wrong_surface(f);
   if (f.matrix) return wrong_matrix(*f.matrix);
+  if (f.heat_map) return wrong_heat_map(f);
+  if (f.ranking) return wrong_ranking(*f.ranking);
   if (f.series.empty()) return "has nothing to show";
   for (std::size_t i = 0; i < f.series.size(); ++i)
     if (std::string why = wrong_series(f, i); !why.empty()) return why;
@@ -162,13 +189,13 @@ std::string frame(const Figure& f, FigureSize size) {
                    hex(theme::ink_soft));
   s += fmt::format("set grid linecolor '{}' linetype 1 linewidth 1\n", hex(theme::line));
   s += fmt::format("set key tmargin center horizontal samplen 2.5 textcolor '{}'\n", hex(theme::ink));
-  s += fmt::format("set xlabel {} textcolor '{}'\nset ylabel {} textcolor '{}'\n", label(f.x), hex(theme::ink),
-                   label(f.y), hex(theme::ink));
+  s += fmt::format("set xlabel {} textcolor '{}'\nset ylabel {} textcolor '{}'\n", label(f.x, size.width - 40),
+                   hex(theme::ink), label(f.y, size.height - 40), hex(theme::ink));
   if (f.same_scale) s += "set size ratio -1\n";
   return s;
 }
 
-std::string surface(const Figure& f) {
+std::string surface(const Figure& f, FigureSize size) {
   std::string s = "$surface << END\n";
   Range z;
   for (std::size_t i = 0; i < f.surface->y.size(); ++i) {
@@ -182,7 +209,7 @@ std::string surface(const Figure& f) {
   s += fmt::format(
       "set cblabel {} textcolor '{}'\nunset key\nset view 60,325,0.95,1.05\nset xyplane 0\nset pm3d depthorder\nset "
       "lmargin at screen 0.22\nset rmargin at screen 0.70\nset colorbox user origin 0.85,0.2 size 0.025,0.6\n",
-      label(*f.z), hex(theme::ink));
+      label(*f.z, size.height - 100), hex(theme::ink));
   const auto spaced = [](const char* axis, double from, double to, const char* offset) {
     const auto marks = ticks(from, to, 5);
     return marks.size() > 1 ? fmt::format("set {}tics {} offset {}\n", axis, marks[1] - marks[0], offset) : "";
@@ -196,13 +223,13 @@ std::string surface(const Figure& f) {
 }
 
 /// Lower half, the first name on top; bold from 0.9.
-std::string matrix(const Figure& f) {
+std::string matrix(const Figure& f, FigureSize size) {
   const Matrix& m = *f.matrix;
   const std::size_t n = m.names.size();
   std::string s = fmt::format(
       "set palette defined (-1 '{}', 0 '{}', 1 '{}')\nset cbrange [-1:1]\nset cbtics 0.5\nset cblabel {} textcolor "
       "'{}'\n",
-      hex(diverging(-1)), hex(diverging(0)), hex(diverging(1)), label(f.x), hex(theme::ink));
+      hex(diverging(-1)), hex(diverging(0)), hex(diverging(1)), label(f.x, size.height - 40), hex(theme::ink));
   s += "unset grid\nunset border\nset tics scale 0\nunset xlabel\nunset ylabel\n";
   for (const char* axis : {"x", "y"}) {
     s += fmt::format("set {}tics (", axis);
@@ -223,6 +250,98 @@ std::string matrix(const Figure& f) {
                        hex(theme::ink));
     }
   return s + "plot NaN with lines linecolor palette notitle\n";
+}
+
+/// Names at 0, 1, 2, ... of an axis; at most `shown` of them.
+std::string named_tics(const char* axis, const std::vector<std::string>& names, std::size_t shown, int width,
+                       const char* more = "") {
+  std::string s = fmt::format("set {}tics {} (", axis, more);
+  const std::size_t step = (names.size() + shown - 1) / shown;
+  for (std::size_t i = 0; i < names.size(); i += step)
+    s += fmt::format("{}{} {}", i ? ", " : "", quoted(fitting(names[i], width)), i);
+  return s + fmt::format(") noenhanced textcolor '{}'\n", hex(theme::ink));
+}
+
+/// At least 4.5:1 on viridis.
+Colour ink_on(Colour c) { return 0.299 * c.r + 0.587 * c.g + 0.114 * c.b > 110 ? Colour{0, 0, 0} : theme::paper; }
+
+std::string heat_map(const Figure& f, FigureSize size) {
+  const HeatMap& m = *f.heat_map;
+  const double from = *f.colour->from, to = *f.colour->to;
+  const auto share = [&](double v) { return (v - from) / (to - from); };
+  const auto colour = [&](double v) {
+    if (!std::isfinite(v)) return theme::grid;
+    return m.signed_values ? diverging(2 * share(v) - 1) : viridis(share(v));
+  };
+  std::string s = m.signed_values ? fmt::format("set palette defined (-1 '{}', 0 '{}', 1 '{}')\n", hex(diverging(-1)),
+                                                hex(diverging(0)), hex(diverging(1)))
+                                  : "";
+  s += fmt::format("set cbrange [{}:{}]\nset cblabel {} textcolor '{}'\n", from, to, label(*f.colour, size.height - 40),
+                   hex(theme::ink));
+  s += "unset grid\nunset border\nunset key\nset tics scale 0\n";
+  const auto columns = m.columns.size(), rows = m.rows.size();
+  const std::size_t fit_rows = static_cast<std::size_t>(std::max(1, (size.height - 110) / 16)),
+                    fit_columns = static_cast<std::size_t>(std::max(1, (size.width - 260) / 16));
+  std::size_t longest = 0;
+  for (const auto& name : m.columns) longest = std::max(longest, name.size());
+  const bool upright = longest * columns * 8 > static_cast<std::size_t>(size.width - 260);
+  s += named_tics("x", m.columns, fit_columns, 150, upright ? "rotate by 90 right" : "");
+  s += named_tics("y", m.rows, fit_rows, 150);
+  s += fmt::format("set xrange [-0.5:{}]\nset yrange [{}:-0.5]\n", static_cast<double>(columns) - 0.5,
+                   static_cast<double>(rows) - 0.5);
+  s += fmt::format("set rmargin at screen {}\n", 1 - 108.0 / size.width);
+  const bool numbers = m.numbers && rows <= fit_rows && static_cast<int>(columns) * 48 <= size.width - 260;
+  const double gap_x = columns > 40 ? 0 : 0.02, gap_y = rows > 40 ? 0 : 0.02;
+  for (std::size_t i = 0; i < rows; ++i)
+    for (std::size_t k = 0; k < columns; ++k) {
+      const double v = m.values[i][k], x = static_cast<double>(k), y = static_cast<double>(i);
+      const Colour fill = colour(v);
+      s += fmt::format("set object rectangle from {},{} to {},{} fillcolor rgb '{}' fillstyle solid noborder\n",
+                       x - 0.5 + gap_x, y - 0.5 + gap_y, x + 0.5 - gap_x, y + 0.5 - gap_y, hex(fill));
+      if (numbers)
+        s += fmt::format("set label {} at {},{} center front textcolor '{}'\n",
+                         quoted(std::isfinite(v) ? fmt::format("{:.{}f}", v, m.decimals) : "–"), x, y,
+                         hex(ink_on(fill)));
+    }
+  return s + "plot NaN with lines linecolor palette notitle\n";
+}
+
+std::string ranking(const Figure& f, FigureSize size) {
+  const Ranking& r = *f.ranking;
+  std::string s, plot;
+  Range x;
+  x.add(0);
+  const double thick = 0.8 / static_cast<double>(r.bars.size());
+  for (std::size_t b = 0; b < r.bars.size(); ++b) {
+    s += fmt::format("$r{} << END\n", b);
+    const Colour fill = theme::stroke(b ? 4 : 0).colour;
+    for (std::size_t i = 0; i < r.names.size(); ++i) {
+      const auto& bars = r.bars[b];
+      if (!std::isfinite(bars.values[i])) {
+        s += "NaN NaN NaN NaN NaN\n";
+        continue;
+      }
+      const double middle = static_cast<double>(i) - 0.4 + (static_cast<double>(b) + 0.5) * thick;
+      const double low = std::isfinite(bars.low[i]) ? bars.low[i] : bars.values[i],
+                   high = std::isfinite(bars.high[i]) ? bars.high[i] : bars.values[i];
+      x.add(bars.values[i]), x.add(low), x.add(high);
+      s += fmt::format("{} {} {} {} {}\n", bars.values[i], middle, low, high, 0.45 * thick);
+    }
+    s += "END\n";
+    plot += fmt::format(
+        "{} $r{} using (0.5*$1):2:(0):1:($2-$5):($2+$5) with boxxyerror fillstyle solid 0.7 noborder "
+        "linecolor rgb '{}' {}",
+        b ? "," : "plot", b, hex(fill),
+        r.bars.size() > 1 ? "title " + quoted(r.bars[b].label) + " noenhanced" : std::string("notitle"));
+    plot += fmt::format(
+        ", $r{} using 1:2:3:4 with xerrorbars pointtype 7 pointsize 0.35 linewidth 1.4 linecolor rgb "
+        "'{}' notitle",
+        b, hex(theme::ink));
+  }
+  s += named_tics("y", r.names, r.names.size(), std::max(150, size.width / 3));
+  s += fmt::format("set yrange [{}:-0.6]\nunset ylabel\n", static_cast<double>(r.names.size()) - 0.4);
+  s += fmt::format("set arrow from 0,graph 0 to 0,graph 1 nohead linewidth 1 linecolor '{}'\n", hex(theme::ink_soft));
+  return s + range("x", f.x, x) + plot + "\n";
 }
 
 struct Ranges {
@@ -267,7 +386,7 @@ std::string look(const Figure& f, const Series& c, const theme::Stroke& stroke) 
     case Mark::reference:
       return fmt::format("1:2 with lines linewidth 1.2 linecolor rgb {} dashtype (6,5)", colour);
     case Mark::points: {
-      static constexpr int types[] = {7, 6, 2};  // gnuplot's, in the order of Shape
+      static constexpr int types[] = {7, 6, 2, 7};  // gnuplot's, in the order of Shape
       return fmt::format("1:2:4 with points pointtype {} pointsize {} linewidth 1.6 linecolor rgb variable",
                          types[static_cast<int>(c.shape)],
                          many(c)                 ? 0.28
@@ -305,8 +424,8 @@ std::string curves(const Figure& f, FigureSize size) {
   }
   if (f.colour) {
     // Room for the bar, its numbers and its label: gnuplot leaves too little where the numbers are long.
-    s += fmt::format("set cblabel {} textcolor '{}'\nset rmargin at screen {}\n", label(*f.colour), hex(theme::ink),
-                     1 - 108.0 / size.width) +
+    s += fmt::format("set cblabel {} textcolor '{}'\nset rmargin at screen {}\n", label(*f.colour, size.height - 40),
+                     hex(theme::ink), 1 - 108.0 / size.width) +
          range("cb", *f.colour, {});
     plot += ", NaN with lines linecolor palette notitle";  // gnuplot draws the colour bar for this curve
   }
@@ -325,9 +444,11 @@ Result<std::string> draw(const Figure& figure, Format format, FigureSize size) {
   if (const std::string why = wrong(figure); !why.empty())
     return work_failed(fmt::format("figure '{}': {}", figure.title, why));
   const std::string script = terminal(format, size) + frame(figure, size) +
-                             (figure.surface  ? surface(figure)
-                              : figure.matrix ? matrix(figure)
-                                              : curves(figure, size));
+                             (figure.surface    ? surface(figure, size)
+                              : figure.matrix   ? matrix(figure, size)
+                              : figure.heat_map ? heat_map(figure, size)
+                              : figure.ranking  ? ranking(figure, size)
+                                                : curves(figure, size));
   auto drawn = run({{"gnuplot", "-d"}, "gnuplot-nox"}, script);
   if (!drawn) return work_failed(fmt::format("figure '{}': {}", figure.title, drawn.error().message));
   return drawn;

@@ -11,10 +11,11 @@
 /// and labels with their middle left out; only Axis::symbol is markup of ours (gnuplot's enhanced text).
 namespace tribotwin::render {
 
-/// Labelled "quantity symbol [unit]"; without unit "-".
+/// Labelled "quantity symbol [unit]"; without unit "-", without brackets where it is empty.
 struct Axis {
   std::string quantity, symbol{}, unit{"-"};
   std::optional<double> from{}, to{};  ///< else around the values
+  bool whole = false;                  ///< counts: no marks between whole numbers
 };
 
 enum class Mark {
@@ -26,8 +27,9 @@ enum class Mark {
   area         ///< closed outline, lightly filled
 };
 
-/// Of Mark::points; circle and cross are larger, so that shapes differ without colour.
-enum class Shape { dot, circle, cross };
+/// Of Mark::points; circle and cross are larger, so that shapes differ without colour, and so is disc, for few points
+/// whose colour matters.
+enum class Shape { dot, circle, cross, disc };
 
 /// x, y (and error) of equal length. NaN leaves a gap; a series needs at least one finite point.
 struct Series {
@@ -52,6 +54,25 @@ struct Matrix {
   std::vector<std::vector<double>> values;
 };
 
+/// Numbers over two lists of names, the first row on top: cells coloured by the figure's colour axis. NaN is grey.
+struct HeatMap {
+  std::vector<std::string> columns, rows;
+  std::vector<std::vector<double>> values;  ///< values[row][column]
+  bool numbers = true;                      ///< in the cells, where there is room
+  int decimals = 2;                         ///< of these
+  bool signed_values = false;               ///< from blue over white at 0 to orange; the axis is symmetric
+};
+
+/// Horizontal bars from 0, one group per name, the first on top, each with its interval. NaN draws nothing.
+struct Ranking {
+  std::vector<std::string> names;
+  struct Bars {
+    std::string label;
+    std::vector<double> values, low, high;  ///< low and high: NaN without interval
+  };
+  std::vector<Bars> bars;
+};
+
 struct Figure {
   std::string title;
   Axis x, y;
@@ -60,7 +81,9 @@ struct Figure {
   std::vector<Series> series{};
   std::optional<Surface> surface{};
   std::optional<Matrix> matrix{};
-  bool same_scale = false;  ///< one unit is as long on x as on y
+  std::optional<HeatMap> heat_map{};  ///< needs `colour`
+  std::optional<Ranking> ranking{};   ///< along x
+  bool same_scale = false;            ///< one unit is as long on x as on y
 };
 
 enum class Format { svg, png, pdf };

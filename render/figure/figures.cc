@@ -73,6 +73,21 @@ void set_ellipse(Series& s, const std::array<double, 2>& mean, const std::array<
   }
 }
 
+/// Bars of finite values by Rice's rule.
+Series histogram_bars(std::span<const double> values) {
+  auto [low, high] = std::ranges::minmax(values);
+  if (!(low < high)) low -= 0.5, high += 0.5;
+  const auto n = static_cast<double>(values.size());
+  const int bins = std::clamp(static_cast<int>(std::lround(2 * std::cbrt(n))), 5, 80);
+  const double width = (high - low) / bins;
+  Series bars{.mark = Mark::bars, .x = {}, .y = std::vector<double>(static_cast<std::size_t>(bins))};
+  for (int i = 0; i < bins; ++i) bars.x.push_back(low + width * (i + 0.5));
+  for (const double v : values)
+    ++bars.y[static_cast<std::size_t>(std::min(bins - 1, static_cast<int>((v - low) / width)))];
+  return bars;
+}
+double bar_distance(const Series& bars) { return bars.x[1] - bars.x[0]; }
+
 struct TimeUnit {
   const char* name;
   double seconds;
@@ -204,13 +219,8 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
   double square = 0;
   for (const double v : r) square += (v - mean) * (v - mean);
   const double deviation = std::sqrt(square / std::max(n - 1, 1.0));
-  auto [low, high] = std::ranges::minmax(r);
-  if (!(low < high)) low -= 0.5, high += 0.5;
-  const int bins = std::clamp(static_cast<int>(std::lround(2 * std::cbrt(n))), 5, 80);  // Rice's rule
-  const double width = (high - low) / bins;
-  Series bars{.mark = Mark::bars, .x = {}, .y = std::vector<double>(static_cast<std::size_t>(bins))};
-  for (int i = 0; i < bins; ++i) bars.x.push_back(low + width * (i + 0.5));
-  for (const double v : r) ++bars.y[static_cast<std::size_t>(std::min(bins - 1, static_cast<int>((v - low) / width)))];
+  Series bars = histogram_bars(r);
+  const double width = bar_distance(bars), low = bars.x.front() - width / 2, high = bars.x.back() + width / 2;
   bars.label = fmt::format("n = {}", r.size());
   f.series.push_back(std::move(bars));
   if (deviation > 0) {
@@ -222,6 +232,36 @@ Figure residual_histogram(const std::string& title, const Axis& residual, std::s
       normal.y.push_back(n * width * std::exp(-z * z / 2) / (deviation * std::sqrt(2 * std::numbers::pi)));
     }
     f.series.push_back(std::move(normal));
+  }
+  return f;
+}
+
+Figure distribution(const std::string& title, const Axis& quantity, std::span<const double> values,
+                    std::span<const Marked> marked, const std::string& strip, double low, double high) {
+  std::vector<double> finite;
+  std::ranges::copy_if(values, std::back_inserter(finite), [](double v) { return std::isfinite(v); });
+  Figure f{.title = title, .x = quantity, .y = {.quantity = "runs", .unit = "", .from = 0, .whole = true}};
+  if (finite.empty()) {
+    f.series.push_back({.mark = Mark::bars, .x = {0}, .y = {std::nan("")}});  // draw() refuses it and names the figure
+    return f;
+  }
+  Series bars = histogram_bars(finite);
+  bars.label = fmt::format("n = {}", finite.size()), bars.stroke = 0;
+  const double top = std::ranges::max(bars.y) * 1.05;
+  f.y.to = top;
+  f.series.push_back(std::move(bars));
+  if (std::isfinite(low) && low < high)
+    f.series.push_back(
+        {.mark = Mark::area, .label = strip, .x = {low, low, high, high}, .y = {0, top, top, 0}, .stroke = 4});
+  std::vector<std::string> labels;
+  for (const Marked& m : marked) {
+    if (!std::isfinite(m.at)) continue;
+    auto known = std::ranges::find(labels, m.label);
+    const bool again = known != labels.end();
+    const auto stroke = 1 + 2 * static_cast<std::size_t>(known - labels.begin());
+    f.series.push_back(
+        {.mark = Mark::reference, .label = again ? "" : m.label, .x = {m.at, m.at}, .y = {0, top}, .stroke = stroke});
+    if (!again) labels.push_back(m.label);
   }
   return f;
 }

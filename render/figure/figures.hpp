@@ -55,6 +55,16 @@ Figure tracking_error(const std::string& title, std::span<const Trace> errors_ra
 /// How often residuals occur, with the normal distribution of their mean and deviation. NaN are left out.
 Figure residual_histogram(const std::string& title, const Axis& residual, std::span<const double> residuals);
 
+/// A vertical line in a distribution; those of equal, not empty labels share an entry of the key.
+struct Marked {
+  std::string label;
+  double at;
+};
+/// How often values occur, with lines at `marked` and a strip from `low` to `high`, where these are numbers. NaN are
+/// left out.
+Figure distribution(const std::string& title, const Axis& quantity, std::span<const double> values,
+                    std::span<const Marked> marked, const std::string& strip, double low, double high);
+
 /// `count` values from first to last; one where they are equal, their mean where one is asked for.
 std::vector<double> evenly(double from, double to, int count);
 

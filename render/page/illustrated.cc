@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include <fmt/format.h>
 
 #include <tribotwin/render/page/illustrated.hpp>
@@ -8,6 +10,15 @@ namespace {
 
 FigureSize size_of(const Figure& figure) {
   if (figure.surface) return {640, 430};
+  if (figure.heat_map) {
+    const int columns = static_cast<int>(figure.heat_map->columns.size()),
+              rows = static_cast<int>(figure.heat_map->rows.size());
+    return {std::clamp(290 + 52 * columns, 520, 960), std::clamp(150 + 26 * rows, 320, 1400)};
+  }
+  if (figure.ranking) {
+    const auto bars = static_cast<int>(figure.ranking->names.size() * figure.ranking->bars.size());
+    return {520, std::clamp(110 + 26 * bars, 190, 900)};
+  }
   if (!figure.matrix) return {520, 370};
   const int n = static_cast<int>(figure.matrix->names.size());
   return {std::max(520, 170 + 52 * n), std::max(370, 90 + 32 * n)};

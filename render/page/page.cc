@@ -51,6 +51,15 @@ th[scope=row] { font-weight: 600; overflow-wrap: break-word; max-width: 32ch; }
 pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace;
   white-space: pre-wrap; overflow-wrap: anywhere; }
 @media (max-width: 600px) { main { padding: 18px 12px 32px; } th, td { padding: 6px 8px; } }
+@media screen and (prefers-color-scheme: dark) {
+  body { background: #12161c; color: #e6eaf0; color-scheme: dark; }
+  .tile, figure, .notice, .scroll, pre { background: #1b212a; border-color: #3a4452; }
+  .soft, .tile .name, .tile .more, figcaption, thead th, thead th.number { color: #b3bdca; }
+  th, td { border-color: #3a4452; }
+  .good { color: #6fd39a; }
+  .bad { color: #ff9a90; }
+  .notice { border-left-color: #ff9a90; }
+}
 @media print {
   @page { margin: 14mm; }
   body { background: PAPER; font-size: 10.5pt; }

@@ -72,7 +72,19 @@ ORDER = {
         "commands",
         "",
     ],
-    "render": ["theme", "process", "offscreen", "pose", "figure", "page", "report", "report/run", "commands", ""],
+    "render": [
+        "theme",
+        "process",
+        "offscreen",
+        "pose",
+        "figure",
+        "page",
+        "report",
+        "report/run",
+        "report/sweep",
+        "commands",
+        "",
+    ],
 }
 KNOWN_EXCEPTIONS = set()  # (file, included file)
 MAX_FILES = 25  # sources in one folder

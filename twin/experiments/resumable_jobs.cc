@@ -54,15 +54,18 @@ Status require_free(const std::string& resolved_yaml, const std::string& folder,
   return {};
 }
 
-Status open(const fs::path& directory, const std::string& folder, const std::string& resolved_yaml, FolderLock& lock) {
+Status open(const fs::path& directory, const ResumableJobs& parts, const std::string& resolved_yaml, FolderLock& lock) {
   std::error_code error;
-  fs::create_directories(directory / folder, error);
+  fs::create_directories(directory / parts.folder, error);
   if (error)
-    return work_failed(fmt::format("{}: cannot be created ({})", (directory / folder).string(), error.message()));
+    return work_failed(fmt::format("{}: cannot be created ({})", (directory / parts.folder).string(), error.message()));
   if (auto ok = lock.take(directory); !ok) return work_failed(ok.error().message);
   const fs::path file = directory / "campaign.yaml";
-  if (text_of(file) == resolved_yaml) return {};
-  if (auto ok = write_file(file, resolved_yaml, Existing::refuse); !ok) return work_failed(ok.error().message);
+  if (text_of(file) != resolved_yaml)
+    if (auto ok = write_file(file, resolved_yaml, Existing::refuse); !ok) return work_failed(ok.error().message);
+  const auto& [name, text] = parts.origin;
+  if (name.empty() || text_of(directory / name) == text) return {};
+  if (auto ok = write_file(directory / name, text, Existing::replace); !ok) return work_failed(ok.error().message);
   return {};
 }
 
@@ -116,7 +119,7 @@ Result<Completed> complete(const std::string& resolved_yaml, const ResumableJobs
   std::optional<PartStore> store;  // of rank 0
   const auto opened = ranks().on_root([&]() -> Status {
     if (auto ok = require_free(resolved_yaml, parts.folder, options.directory); !ok) return ok;
-    if (auto ok = open(options.directory, parts.folder, resolved_yaml, *lock); !ok) return ok;
+    if (auto ok = open(options.directory, parts, resolved_yaml, *lock); !ok) return ok;
     auto there = PartStore::open(options.directory, parts.folder);
     if (!there) return work_failed(there.error().message);
     store = *std::move(there);

@@ -6,6 +6,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <yaml-cpp/yaml.h>
@@ -28,8 +29,9 @@ struct LabOptions {
 };
 
 struct ResumableJobs {
-  std::string folder;              ///< of the parts, relative to the directory
-  std::vector<std::string> files;  ///< name of each part in it
+  std::string folder;                            ///< of the parts, relative to the directory
+  std::vector<std::string> files;                ///< name of each part in it
+  std::pair<std::string, std::string> origin{};  ///< a file of the directory that does not identify it: name, text
   std::function<bool(std::size_t part, const std::string& text)>
       whole;  ///< whether the text of an existing file is a complete part
   std::function<Result<std::string>(std::size_t part)>

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/experiments/sweep/plan.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
@@ -18,6 +19,8 @@ namespace fs = std::filesystem;
 constexpr double most_runs = 1e7, most_values = 2e8;  ///< numbers of a design: 1.6 GB
 constexpr std::string_view keys_of_a_plan[] = {"scenario", "set",  "factors",   "parameters", "design",
                                                "outputs",  "stop", "quantiles", "bands",      "description"};
+/// That a sweep adds to the plan in its campaign.yaml.
+constexpr const char* keys_of_a_campaign[] = {"resolved_scenario", "parameters_crc32", "runs"};
 
 /// As of --set.
 std::string setting_of(const std::string& key, const std::string& value) { return fmt::format("{}={}", key, value); }
@@ -28,8 +31,13 @@ class Reader {
   explicit Reader(const fs::path& file) : root_(load_yaml(file)), in_(file.string(), "", root_) { plan_.file = file; }
 
   Plan read() {
-    in_.accept({std::begin(keys_of_a_plan), std::end(keys_of_a_plan)});
-    (void)in_.text_or("description", "");
+    std::vector<std::string_view> accepted(std::begin(keys_of_a_plan), std::end(keys_of_a_plan));
+    if (is_campaign())
+      for (const auto* key : keys_of_a_campaign) accepted.push_back(key), (void)in_.raw(key);
+    else
+      plan_.name = plan_.file.stem().string();
+    in_.accept(accepted);
+    plan_.description = in_.text_or("description", "");
     read_scenario();
     read_set();
     read_factors();
@@ -42,6 +50,7 @@ class Reader {
     read_stop();
     in_.done();
     resolve();
+    if (is_campaign()) require_unchanged();
     return std::move(plan_);
   }
 
@@ -119,6 +128,7 @@ class Reader {
   void read_parameters_by_joint(Mapping joints) {
     for (const auto& joint : joints.names()) {
       const fs::path file = joints.file(joint, fs::absolute(plan_.file).parent_path());
+      files_[joint] = fs::absolute(file).lexically_normal().string();
       auto set = law_parameters(file, *plan_.model, joint);
       if (!set) joints.fail(joint, set.error().message);
       plan_.parameters.push_back(std::move(*set));
@@ -129,6 +139,7 @@ class Reader {
   void read_parameter_file() {
     const fs::path file = in_.file("parameters", fs::absolute(plan_.file).parent_path());
     add_checksum(file);
+    files_ = fs::absolute(file).lexically_normal().string();
     const auto fail = [&](const std::string& why) { in_.fail("parameters", why); };
     if (is_of_dynamics(file)) {
       auto sets = robot_parameters(file, *plan_.model);
@@ -354,7 +365,7 @@ class Reader {
     all.remove("description");
     all["scenario"] = plan_.scenario.string();
     all["resolved_scenario"] = YAML::Load(typical_->resolved_yaml);
-    if (!checksums_.empty()) all["parameters_crc32"] = checksums_;
+    if (!checksums_.empty()) all["parameters_crc32"] = checksums_, all["parameters"] = files_;
     all["runs"] = plan_.runs;
     plan_.resolved = all;
     if (plan_.asked != plan_.runs)
@@ -362,9 +373,37 @@ class Reader {
                                         plan_.saltelli->base_points, plan_.saltelli->groups()));
   }
 
+  bool is_campaign() const { return static_cast<bool>(root_["resolved_scenario"]); }
+  /// A campaign.yaml names files, whose content may be another one now.
+  void require_unchanged() {
+    const auto text = or_wrong_input(read_text(plan_.file, "a YAML file"));
+    const auto line = [](const std::string& t) { return t.substr(0, t.find('\n')); };
+    const auto now = line(resolved_yaml(*plan_.model, plan_.resolved));
+    if (line(text) != now)
+      throw InputError(fmt::format("{}: was written with another engine or model ('{}', now '{}')", plan_.file.string(),
+                                   line(text), now));
+    for (const char* key : {"resolved_scenario", "parameters_crc32"})
+      if (!same(root_[key], plan_.resolved[key]))
+        in_.fail(key, fmt::format("is not what {} has now; the file has changed since the sweep was begun",
+                                  *key == 'r' ? plan_.scenario.string() : "the file of parameters"));
+  }
+  static bool same(const YAML::Node& a, const YAML::Node& b) {
+    if (a.Type() != b.Type() || a.size() != b.size()) return false;
+    if (a.IsScalar()) return a.Scalar() == b.Scalar();
+    if (a.IsMap())
+      return std::all_of(a.begin(), a.end(), [&](const auto& x) {
+        const YAML::Node other = b[x.first.Scalar()];
+        return other && same(x.second, other);
+      });
+    for (std::size_t i = 0; i < a.size(); ++i)
+      if (!same(a[i], b[i])) return false;
+    return true;
+  }
+
   YAML::Node root_;
   Mapping in_;
   Plan plan_;
+  YAML::Node files_;  ///< as `parameters`, with whole paths
   std::set<std::string> taken_;
   std::vector<std::string> checksums_;
   std::optional<Scenario> typical_;

@@ -20,6 +20,7 @@ namespace tribotwin::twin::sweep {
 
 struct Plan {
   std::filesystem::path file, scenario;
+  std::string name, description;    ///< name: of its file; empty where the plan is that of a sweep's folder
   std::vector<std::string> common;  ///< key=value, of every run
   std::vector<Factor> factors;
   std::vector<ParameterSet> parameters;
@@ -56,7 +57,8 @@ struct Plan {
   bool independent(std::size_t run) const { return !saltelli || saltelli->independent(run); }
 };
 
-/// Reads and checks a plan: every key, a typical scenario and those at the ends of each factor.
+/// Reads and checks a plan: every key, a typical scenario and those at the ends of each factor. The campaign.yaml of a
+/// sweep's folder is a plan too, refused where scenario, model or parameters have changed since.
 /// ErrorKind::input with file, line, key and what would be right.
 Result<Plan> load_plan(const std::filesystem::path& file);
 

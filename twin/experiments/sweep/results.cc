@@ -151,7 +151,8 @@ void note_limits(const Plan& plan, const std::vector<std::vector<double>>& input
 /// Quantiles that lie beyond the sample.
 void note_quantiles(const Plan& plan, const std::vector<RunResult>& runs, Json& notes) {
   std::size_t count = 0;
-  for (std::size_t r = 0; r < runs.size(); ++r) count += plan.independent(r) && !runs[r].failed();
+  for (std::size_t r = 0; r < runs.size(); ++r)
+    count += plan.independent(r) && !runs[r].failed() && runs[r].status != "missing";
   const double rarest = std::min(plan.quantiles.front(), 1 - plan.quantiles.back());
   if (const double needed = std::ceil(1 / rarest - 1 - 1e-9); static_cast<double>(count) < needed)
     notes.push_back(
@@ -231,6 +232,22 @@ std::string results_csv(const Plan& plan, const std::vector<RunResult>& runs) {
   return text;
 }
 
+std::vector<Band> bands_of(const Plan& plan, const std::vector<RunResult>& runs) {
+  std::vector<Band> all;
+  for (std::size_t b = 0; b < plan.bands.size(); ++b) {
+    Band band{.signal = plan.bands[b].name, .runs = {}, .quantiles = {}};
+    band.quantiles.resize(plan.quantiles.size());
+    for (std::size_t t = 0; t < plan.band_times_s.size(); ++t) {
+      const auto values = at_time(plan, runs, b, t);
+      band.runs.push_back(static_cast<double>(values.size()));
+      for (std::size_t q = 0; q < plan.quantiles.size(); ++q)
+        band.quantiles[q].push_back(values.empty() ? missing : quantile(values, plan.quantiles[q]).value);
+    }
+    all.push_back(std::move(band));
+  }
+  return all;
+}
+
 std::string bands_csv(const Plan& plan, const std::vector<RunResult>& runs) {
   if (plan.bands.empty()) return {};
   std::string text = "time_s";
@@ -239,12 +256,12 @@ std::string bands_csv(const Plan& plan, const std::vector<RunResult>& runs) {
     for (const double p : plan.quantiles) text += "," + cell(band.name + "." + quantile_name(p));
   }
   text += "\n";
+  const auto bands = bands_of(plan, runs);
   for (std::size_t t = 0; t < plan.band_times_s.size(); ++t) {
     text += fmt::format("{}", plan.band_times_s[t]);
-    for (std::size_t b = 0; b < plan.bands.size(); ++b) {
-      const auto values = at_time(plan, runs, b, t);
-      text += fmt::format(",{}", values.size());
-      for (const double p : plan.quantiles) text += "," + (values.empty() ? "" : cell(quantile(values, p).value));
+    for (const Band& band : bands) {
+      text += fmt::format(",{}", band.runs[t]);
+      for (const auto& values : band.quantiles) text += "," + cell(values[t]);
     }
     text += "\n";
   }
@@ -280,16 +297,10 @@ Result<std::string> results_hdf5(const Plan& plan, const std::vector<RunResult>&
   columns.push_back({"status", "ok, warned by the health check, or failed", status});
   columns.push_back({"message", "checks that warn, or why the run failed", message});
   if (!plan.bands.empty()) columns.push_back({"bands/time_s", "simulated time", plan.band_times_s});
-  for (std::size_t b = 0; b < plan.bands.size(); ++b)
-    for (const double p : plan.quantiles) {
-      std::vector<double> values;
-      for (std::size_t t = 0; t < plan.band_times_s.size(); ++t) {
-        const auto sample = at_time(plan, runs, b, t);
-        values.push_back(sample.empty() ? missing : quantile(sample, p).value);
-      }
-      columns.push_back(
-          {"bands/" + column_name(plan.bands[b].name) + "/" + quantile_name(p), "quantile over the runs", values});
-    }
+  for (const Band& band : bands_of(plan, runs))
+    for (std::size_t q = 0; q < plan.quantiles.size(); ++q)
+      columns.push_back({"bands/" + column_name(band.signal) + "/" + quantile_name(plan.quantiles[q]),
+                         "quantile over the runs", band.quantiles[q]});
   return columns_hdf5(columns, {{"plan", plan.file.filename().string()}});
 }
 

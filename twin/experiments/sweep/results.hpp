@@ -12,9 +12,9 @@
 namespace tribotwin::twin::sweep {
 
 struct RunResult {
-  std::string status;                      ///< ok; warned: its health check has a warning; failed
-  std::string message;                     ///< the checks that warn, or why it failed
-  std::vector<double> outputs;             ///< NaN where there is none; empty where it failed
+  std::string status;           ///< ok; warned: its health check has a warning; failed; missing: not made yet
+  std::string message;          ///< the checks that warn, or why it failed
+  std::vector<double> outputs;  ///< NaN where there is none; empty where it failed
   std::vector<std::vector<double>> bands;  ///< per signal and time; empty where it failed
   bool another_attempt = false;            ///< it failed, and not because of its input; not in a line
   bool failed() const { return status == "failed"; }
@@ -36,6 +36,14 @@ std::string results_csv(const Plan& plan, const std::vector<RunResult>& runs);
 /// Quantiles of each signal over time: time_s, then for each signal the number of runs that have it there and a column
 /// per quantile. Empty without bands.
 std::string bands_csv(const Plan& plan, const std::vector<RunResult>& runs);
+
+/// Quantiles of a signal over the runs, by time.
+struct Band {
+  std::string signal;
+  std::vector<double> runs;                    ///< that have it, per time
+  std::vector<std::vector<double>> quantiles;  ///< per probability and time; NaN where no run has it
+};
+std::vector<Band> bands_of(const Plan& plan, const std::vector<RunResult>& runs);
 
 /// The tables as HDF5: run, factors/, outputs/, status, message; bands/time_s and bands/SIGNAL/. ErrorKind::work.
 Result<std::string> results_hdf5(const Plan& plan, const std::vector<RunResult>& runs);

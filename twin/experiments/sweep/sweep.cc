@@ -15,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char folder[] = "runs", statistics_file[] = "statistics.json";
+constexpr char folder[] = "runs", statistics_file[] = "statistics.json", origin_file[] = "origin.yaml";
 constexpr std::size_t first_batch = 32;
 
 std::string file_of(std::size_t run) { return fmt::format("{:07}.json", run); }
@@ -50,6 +50,9 @@ bool is_run(const Plan& plan, std::size_t run, const std::string& text) {
 ResumableJobs jobs_of(const Plan& plan, std::size_t count, const std::vector<RunResult>& earlier,
                       const std::atomic<bool>* stop) {
   ResumableJobs jobs{.folder = folder, .files = {}, .whole = {}, .make = {}};
+  if (!plan.name.empty())
+    jobs.origin = {origin_file,
+                   fmt::format("plan: {}\ndescription: {}\n", quoted(plan.name), quoted(plan.description))};
   for (std::size_t r = 0; r < count; ++r) jobs.files.push_back(file_of(r));
   jobs.whole = [&plan](std::size_t run, const std::string& text) { return is_run(plan, run, text); };
   jobs.make = [&plan, &earlier, stop](std::size_t run) -> Result<std::string> {
@@ -151,6 +154,19 @@ Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const
   out.present = present.value_or(0);
   if (auto ok = write_results(plan, options, out); !ok) return tl::unexpected(ok.error());
   return out;
+}
+
+Result<std::vector<std::optional<RunResult>>> read_runs(const Plan& plan, const fs::path& directory) {
+  std::vector<std::optional<RunResult>> all(plan.runs);
+  std::error_code error;
+  for (std::size_t r = 0; r < plan.runs; ++r) {
+    const fs::path file = directory / folder / file_of(r);
+    if (!fs::exists(file, error)) continue;
+    const auto text = read_text(file, "a file");
+    if (!text) return tl::unexpected(text.error());
+    if (is_run(plan, r, *text)) all[r] = from_line(r, *text);
+  }
+  return all;
 }
 
 Result<SweepStatus> read_status(const fs::path& directory) try {

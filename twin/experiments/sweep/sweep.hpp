@@ -38,6 +38,9 @@ struct SweepStatus {
   std::optional<double> seconds_left;  ///< from the pace of the runs there; none where it is unknown or finished
 };
 
+/// The runs that the folder of a sweep has, whole ones alone, by their number. Reads only.
+Result<std::vector<std::optional<RunResult>>> read_runs(const Plan& plan, const std::filesystem::path& directory);
+
 /// Reads only. ErrorKind::input where the folder holds no sweep.
 Result<SweepStatus> read_status(const std::filesystem::path& directory);
 

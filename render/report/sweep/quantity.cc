@@ -1,0 +1,116 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/render/report/sweep/quantity.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+constexpr double no_number = std::numeric_limits<double>::quiet_NaN();
+
+/// Endings of names, longer ones first.
+constexpr std::pair<std::string_view, std::string_view> endings[] = {
+    {"_rad_s2", "rad/s²"}, {"_rad_s", "rad/s"}, {"_m_s", "m/s"}, {"_degC", "°C"}, {"_norm", "-"},
+    {"_share", "-"},       {"_nm", "Nm"},       {"_rad", "rad"}, {"_deg", "°"},   {"_kg", "kg"},
+    {"_Hz", "Hz"},         {"_J", "J"},         {"_W", "W"},     {"_K", "K"},     {"_N", "N"},
+    {"_V", "V"},           {"_A", "A"},         {"_s", "s"},     {"_m", "m"}};
+
+std::string_view unit_at_end(std::string_view word) {
+  for (const auto& [ending, unit] : endings)
+    if (word.ends_with(ending)) return unit;
+  return {};
+}
+
+int decimals_of(double value, double uncertainty) {
+  if (uncertainty > 0) return std::clamp(1 - static_cast<int>(std::floor(std::log10(uncertainty))), 0, 9);
+  if (value == 0) return 0;
+  return std::clamp(3 - static_cast<int>(std::floor(std::log10(std::abs(value)))), 0, 9);
+}
+
+}  // namespace
+
+std::string unit_in(std::string_view expression) {
+  if (expression.starts_with("time_above(") || expression.starts_with("time_below(")) return "s";
+  if (const auto open = expression.find('('); open != expression.npos) expression.remove_prefix(open + 1);
+  expression = expression.substr(0, expression.find_first_of(",)"));
+  while (true) {
+    const auto dot = expression.rfind('.');
+    const auto word = dot == expression.npos ? expression : expression.substr(dot + 1);
+    if (const auto unit = unit_at_end(word); !unit.empty()) return std::string(unit);
+    if (dot == expression.npos) return {};
+    expression = expression.substr(0, dot);
+  }
+}
+
+std::string unit_of_key(std::string_view key) {
+  if (auto unit = unit_in(key); !unit.empty()) return unit;
+  const std::string_view name = key.substr(key.rfind('.') == key.npos ? 0 : key.rfind('.') + 1);
+  std::string unit;
+  for (const auto& law : friction::laws())
+    for (const auto& parameter : law.parameters)
+      if (parameter.name == name) {
+        if (!unit.empty() && unit != parameter.unit) return {};
+        unit = parameter.unit;
+      }
+  return unit;
+}
+
+Quantity::Quantity(std::string name_, std::string unit_, std::span<const double> values)
+    : name(std::move(name_)), unit(std::move(unit_)) {
+  double largest = 0;
+  for (const double x : values)
+    if (std::isfinite(x)) largest = std::max(largest, std::abs(x));
+  if (unit != "J" && unit != "W" && unit != "N" && unit != "Nm") return;
+  if (largest >= 1e6)
+    factor = 1e-6, unit = "M" + unit;
+  else if (largest >= 1e4)
+    factor = 1e-3, unit = "k" + unit;
+}
+
+std::string Quantity::number(double value, double uncertainty) const {
+  if (!std::isfinite(value)) return "–";
+  const double shown = factor * value, sure = std::abs(factor * uncertainty);
+  if (shown != 0 && (std::abs(shown) < 1e-5 || std::abs(shown) >= 1e9)) return fmt::format("{:.4g}", shown);
+  const std::string text = fmt::format("{:.{}f}", shown, decimals_of(shown, std::isfinite(sure) ? sure : 0));
+  return text.find_first_not_of("-0.") == text.npos && text[0] == '-' ? text.substr(1) : text;
+}
+
+std::string Quantity::with_unit(double value, double uncertainty) const {
+  return number(value, uncertainty) + (unit.empty() || unit == "-" ? "" : " " + unit);
+}
+
+std::string Quantity::difference(double value, double uncertainty) const {
+  return unit == "°C" ? number(value, uncertainty) + " K" : with_unit(value, uncertainty);
+}
+
+std::string Quantity::estimated(const nlohmann::json& estimate, bool is_difference) const {
+  const double value = number_in(estimate["value"]);
+  const Limits limits = limits_in(estimate);
+  const double half = limits.there() ? (limits.high - limits.low) / 2 : 0;
+  const std::string text = is_difference ? difference(value, half) : with_unit(value, half);
+  if (!limits.there()) return text;
+  return fmt::format("{} (95 %: {} … {})", text, number(limits.low, half), number(limits.high, half));
+}
+
+double number_in(const nlohmann::json& value) { return value.is_number() ? value.get<double>() : no_number; }
+
+Limits limits_in(const nlohmann::json& estimate) {
+  if (!estimate.is_object() || !estimate.contains("confidence_95")) return {no_number, no_number};
+  const auto& interval = estimate["confidence_95"];
+  if (!interval.is_array() || interval.size() != 2) return {no_number, no_number};
+  return {number_in(interval[0]), number_in(interval[1])};
+}
+
+std::string share_text(const nlohmann::json& estimate) {
+  const Limits limits = limits_in(estimate);
+  std::string text = fmt::format("{:.2f}", number_in(estimate["value"]));
+  if (limits.there()) text += fmt::format(", 95 %: {:.2f} … {:.2f}", limits.low, limits.high);
+  return text;
+}
+
+}  // namespace tribotwin::render

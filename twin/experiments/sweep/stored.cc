@@ -1,0 +1,198 @@
+#include <algorithm>
+#include <chrono>
+#include <ctime>
+#include <limits>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/twin/experiments/sweep/stored.hpp>
+#include <tribotwin/twin/experiments/sweep/sweep.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
+#include <tribotwin/twin/io/tables/csv.hpp>
+#include <tribotwin/twin/io/text.hpp>
+
+namespace tribotwin::twin::sweep {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double none = std::numeric_limits<double>::quiet_NaN();
+
+struct Table {
+  std::vector<std::string> head;
+  std::vector<std::vector<std::string>> rows;
+};
+
+Table read_table(const fs::path& file) {
+  auto lines = or_wrong_input(tables::CsvLines::open(file));
+  Table table{.head = or_wrong_input(lines.header()), .rows = {}};
+  for (std::string_view line; or_wrong_input(lines.next(line));) {
+    auto& row = table.rows.emplace_back();
+    or_wrong_input(lines.cells(line, [&](std::size_t, std::string_view text) {
+      row.emplace_back(text);
+      return true;
+    }));
+    if (row.size() != table.head.size())
+      throw InputError(
+          fmt::format("{}:{}: has {} cells where the header has {}; the file was changed, and the sweep's "
+                      "command with --force writes it anew",
+                      file.string(), lines.number(), row.size(), table.head.size()));
+  }
+  return table;
+}
+
+double number_of(const std::string& cell) { return to_number(cell).value_or(none); }
+
+void read_campaign(StoredSweep& s, const YAML::Node& campaign) {
+  s.engine = s.campaign.substr(0, s.campaign.find(','));
+  s.engine = s.engine.starts_with("# ") ? s.engine.substr(2) : "";
+  s.scenario = campaign["scenario"].as<std::string>();
+  s.planned = campaign["runs"].as<std::size_t>();
+  const YAML::Node design = campaign["design"];
+  s.design = design["type"].as<std::string>();
+  s.indices = design["indices"].as<bool>(false);
+  if (s.design != design_types[0].first) s.seed = design["seed"].as<std::size_t>(1);
+  const YAML::Node outputs = campaign["outputs"];
+  for (const auto& entry : outputs)
+    if (outputs.IsMap())
+      s.outputs.push_back({entry.first.Scalar(), entry.second.Scalar()});
+    else
+      s.outputs.push_back({entry.Scalar(), entry.Scalar()});
+}
+
+void read_origin(StoredSweep& s) {
+  std::error_code error;
+  const fs::path file = s.directory / "origin.yaml";
+  if (!fs::is_regular_file(file, error)) return;  // of a sweep that an earlier version made
+  const YAML::Node origin = load_yaml(file);
+  s.plan = origin["plan"].as<std::string>("");
+  s.description = origin["description"].as<std::string>("");
+}
+
+void read_results(StoredSweep& s, const fs::path& file) {
+  const Table table = read_table(file);
+  if (table.head.size() < s.outputs.size() + 4 || table.head.front() != "run" || table.head.back() != "message")
+    throw InputError(
+        fmt::format("{}:1: is no table of this sweep; its command with --force writes it anew", file.string()));
+  const std::size_t keys = table.head.size() - s.outputs.size() - 3;
+  s.keys.assign(table.head.begin() + 1, table.head.begin() + 1 + static_cast<std::ptrdiff_t>(keys));
+  for (const auto& row : table.rows) {
+    StoredRun run{.number = to_integer<std::size_t>(row[0]).value_or(0), .values = {}, .outputs = {}};
+    for (std::size_t k = 0; k < keys; ++k) run.values.push_back(row[1 + k]);
+    for (std::size_t o = 0; o < s.outputs.size(); ++o) run.outputs.push_back(number_of(row[1 + keys + o]));
+    run.status = row[row.size() - 2], run.message = row.back();
+    s.runs.push_back(std::move(run));
+  }
+}
+
+void read_bands(StoredSweep& s, const fs::path& file) {
+  const Table table = read_table(file);
+  for (std::size_t c = 1; c < table.head.size(); ++c) {
+    const std::string& head = table.head[c];
+    std::vector<double> values;
+    for (const auto& row : table.rows) values.push_back(number_of(row[c]));
+    if (head.ends_with(".runs"))
+      s.bands.push_back({.signal = head.substr(0, head.size() - 5), .runs = std::move(values), .quantiles = {}});
+    else if (const auto q = head.rfind(".q"); q != head.npos && !s.bands.empty()) {
+      if (s.bands.size() == 1) s.probabilities.push_back(number_of(head.substr(q + 2)));
+      s.bands.back().quantiles.push_back(std::move(values));
+    }
+  }
+  for (const auto& row : table.rows) s.times_s.push_back(number_of(row[0]));
+}
+
+/// Of runs that are there: the results that the sweep would write if these were all.
+void make_results(StoredSweep& s) {
+  const Plan plan = or_wrong_input(load_plan(s.directory / "campaign.yaml"));
+  const auto there = or_wrong_input(read_runs(plan, s.directory));
+  std::vector<RunResult> runs;
+  s.keys = plan.keys();
+  for (std::size_t r = 0; r < there.size(); ++r) {
+    runs.push_back(there[r] ? *there[r]
+                            : RunResult{.status = "missing",
+                                        .message = {},
+                                        .outputs = std::vector<double>(plan.outputs.size(), none),
+                                        .bands = std::vector(plan.bands.size(),
+                                                             std::vector<double>(plan.band_times_s.size(), none))});
+    if (!there[r]) continue;
+    s.runs.push_back({.number = r,
+                      .values = plan.values(r),
+                      .outputs = there[r]->outputs,
+                      .status = there[r]->status,
+                      .message = there[r]->message,
+                      .counts = plan.independent(r)});
+    s.runs.back().outputs.resize(plan.outputs.size(), none);
+  }
+  if (s.runs.empty())
+    throw InputError(fmt::format("{}: has none of its {} runs yet; 'tribotwin sweep {} -o {}' makes them",
+                                 s.directory.string(), s.planned, (s.directory / "campaign.yaml").string(),
+                                 s.directory.string()));
+  s.statistics = parse_json(statistics_json(plan, runs, ""));
+  s.statistics["runs"]["made"] = s.runs.size();
+  s.probabilities = plan.quantiles, s.times_s = plan.band_times_s;
+  s.bands = bands_of(plan, runs);
+}
+
+/// Of a finished sweep for indices: which runs are independent of each other.
+void mark_independent(StoredSweep& s) {
+  if (!s.indices) return;
+  Saltelli design;
+  for (const auto& output : s.statistics["outputs"])
+    if (output.contains("sobol_indices") && design.column_group.empty())
+      for (std::size_t g = 0; g < output["sobol_indices"].size(); ++g) design.column_group.push_back(g);
+  for (StoredRun& run : s.runs) run.counts = design.independent(run.number);
+}
+
+/// The time of the newest file.
+std::string date_of(const fs::path& directory) {
+  fs::file_time_type newest = fs::file_time_type::min();
+  std::error_code error;
+  for (const fs::path& place : {directory, directory / "runs"})
+    for (const auto& entry : fs::directory_iterator(place, error))
+      if (const auto ending = entry.path().extension(); ending == ".json" || ending == ".csv")
+        newest = std::max(newest, entry.last_write_time(error));
+  const auto age = std::chrono::duration_cast<std::chrono::seconds>(fs::file_time_type::clock::now() - newest);
+  const std::time_t at = std::time(nullptr) - age.count();
+  std::tm local{};
+  localtime_r(&at, &local);
+  return fmt::format("{:04}-{:02}-{:02}", 1900 + local.tm_year, 1 + local.tm_mon, local.tm_mday);
+}
+
+}  // namespace
+
+Result<StoredSweep> read_sweep(const fs::path& directory) try {
+  const auto status = read_status(directory);
+  if (!status) return tl::unexpected(status.error());
+  StoredSweep s{.directory = directory};
+  const fs::path file = directory / "campaign.yaml";
+  s.campaign = or_wrong_input(read_text(file, "a YAML file"));
+  read_campaign(s, load_yaml(file));
+  read_origin(s);
+  s.finished = status->finished;
+  s.date = date_of(directory);
+  if (!s.finished) {
+    make_results(s);
+    return s;
+  }
+  read_results(s, directory / "results.csv");
+  std::error_code error;
+  if (fs::exists(directory / "bands.csv", error)) read_bands(s, directory / "bands.csv");
+  const fs::path statistics = directory / "statistics.json";
+  s.statistics = parse_json(or_wrong_input(read_text(statistics, "a JSON file")));
+  if (!s.statistics.is_object() || !s.statistics.contains("outputs") || !s.statistics.contains("notes"))
+    return tl::unexpected(
+        Error(fmt::format("{}: is not what tribotwin sweep writes; its command with --force writes "
+                          "it anew",
+                          statistics.string())));
+  mark_independent(s);
+  return s;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
+} catch (const YAML::Exception& e) {
+  return tl::unexpected(Error(fmt::format("{}: {}", (directory / "campaign.yaml").string(), e.what())));
+}
+
+}  // namespace tribotwin::twin::sweep
