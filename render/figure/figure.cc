@@ -195,6 +195,29 @@ std::string frame(const Figure& f, FigureSize size) {
   return s;
 }
 
+/// Characters of the longest number at the marks of an axis.
+std::size_t longest_mark(const std::vector<double>& marks) {
+  std::size_t longest = 0;
+  for (const double mark : marks)
+    longest = std::max(longest, fmt::format("{:g}", std::abs(mark) < 1e-12 ? 0 : mark).size());
+  return longest;
+}
+
+/// Fewer marks on x where gnuplot's own would touch.
+std::string marks_that_fit(const Axis& axis, Range r, int width) {
+  const double from = axis.from.value_or(r.low), to = axis.to.value_or(r.high);
+  if (!(from < to)) return "";
+  const auto fits = [&](int count) {
+    const auto marks = ticks(from, to, count);
+    return static_cast<double>(marks.size() * (9 * longest_mark(marks) + 12)) <= width - 110;
+  };
+  if (fits(10)) return "";
+  for (const int count : {6, 4, 3, 2})
+    if (const auto marks = ticks(from, to, count); marks.size() > 1 && (fits(count) || count == 2))
+      return fmt::format("set xtics {}\n", marks[1] - marks[0]);
+  return "";
+}
+
 std::string surface(const Figure& f, FigureSize size) {
   std::string s = "$surface << END\n";
   Range z;
@@ -208,17 +231,23 @@ std::string surface(const Figure& f, FigureSize size) {
   s += "END\n";
   s += fmt::format(
       "set cblabel {} textcolor '{}'\nunset key\nset view 60,325,0.95,1.05\nset xyplane 0\nset pm3d depthorder\nset "
-      "lmargin at screen 0.22\nset rmargin at screen 0.70\nset colorbox user origin 0.85,0.2 size 0.025,0.6\n",
-      label(*f.z, size.height - 100), hex(theme::ink));
+      "lmargin at screen 0.22\nset rmargin at screen 0.70\nset colorbox user origin {},0.2 size 0.025,0.6\n",
+      label(*f.z, size.height - 100), hex(theme::ink),
+      0.85 - 0.016 * static_cast<double>(std::max<std::size_t>(5, longest_mark(ticks(z.low, z.high, 8))) - 5));
   const auto spaced = [](const char* axis, double from, double to, const char* offset) {
     const auto marks = ticks(from, to, 5);
     return marks.size() > 1 ? fmt::format("set {}tics {} offset {}\n", axis, marks[1] - marks[0], offset) : "";
   };
+  if (longest_mark(ticks(z.low, z.high, 8)) > 5) s += "set cblabel offset -1.2,0\n";
   s += spaced("x", f.surface->x.front(), f.surface->x.back(), "0,-0.4") +
        spaced("y", f.surface->y.front(), f.surface->y.back(), "-0.6,-0.4") + spaced("z", z.low, z.high, "0,0.2") +
        spaced("cb", z.low, z.high, "0,0");
-  s += fmt::format("set xrange [{}:{}]\nset yrange [{}:{}]\nset xlabel offset 0,-1.2\nset ylabel offset 1,-2.2\n",
-                   f.surface->x.front(), f.surface->x.back(), f.surface->y.front(), f.surface->y.back());
+  const auto beyond = [](const Axis& axis) {  // half of what does not fit beside the corner
+    return 0.5 * static_cast<double>(std::max<std::size_t>(14, axis.quantity.size() + axis.unit.size()) - 14);
+  };
+  s += fmt::format("set xrange [{}:{}]\nset yrange [{}:{}]\nset xlabel offset {},-1.2\nset ylabel offset {},-2.2\n",
+                   f.surface->x.front(), f.surface->x.back(), f.surface->y.front(), f.surface->y.back(), -beyond(f.x),
+                   1 + beyond(f.y));
   return s + range("z", *f.z, z) + range("cb", *f.z, z) + "splot $surface using 1:2:3 with pm3d\n";
 }
 
@@ -262,8 +291,16 @@ std::string named_tics(const char* axis, const std::vector<std::string>& names, 
   return s + fmt::format(") noenhanced textcolor '{}'\n", hex(theme::ink));
 }
 
-/// At least 4.5:1 on viridis.
-Colour ink_on(Colour c) { return 0.299 * c.r + 0.587 * c.g + 0.114 * c.b > 110 ? Colour{0, 0, 0} : theme::paper; }
+/// Where the plot ends beside a colour bar, its numbers and its label: gnuplot leaves too little where the numbers are
+/// long.
+std::string room_for_colours(const Axis& colour, FigureSize size) {
+  const auto marks = ticks(*colour.from, *colour.to, 5);
+  const std::size_t longest = std::max<std::size_t>(5, longest_mark(ticks(*colour.from, *colour.to, 8)));
+  return fmt::format("set rmargin at screen {}\n", 1 - (108.0 + 16.0 * static_cast<double>(longest - 5)) / size.width) +
+         (longest > 5 && marks.size() > 1
+              ? fmt::format("set cbtics {}\nset cblabel offset -1.2,0\n", marks[1] - marks[0])
+              : "");
+}
 
 std::string heat_map(const Figure& f, FigureSize size) {
   const HeatMap& m = *f.heat_map;
@@ -271,11 +308,12 @@ std::string heat_map(const Figure& f, FigureSize size) {
   const auto share = [&](double v) { return (v - from) / (to - from); };
   const auto colour = [&](double v) {
     if (!std::isfinite(v)) return theme::grid;
-    return m.signed_values ? diverging(2 * share(v) - 1) : viridis(share(v));
+    return diverging(m.signed_values ? 2 * share(v) - 1 : share(v));
   };
-  std::string s = m.signed_values ? fmt::format("set palette defined (-1 '{}', 0 '{}', 1 '{}')\n", hex(diverging(-1)),
-                                                hex(diverging(0)), hex(diverging(1)))
-                                  : "";
+  std::string s = m.signed_values
+                      ? fmt::format("set palette defined (-1 '{}', 0 '{}', 1 '{}')\n", hex(diverging(-1)),
+                                    hex(diverging(0)), hex(diverging(1)))
+                      : fmt::format("set palette defined (0 '{}', 1 '{}')\n", hex(diverging(0)), hex(diverging(1)));
   s += fmt::format("set cbrange [{}:{}]\nset cblabel {} textcolor '{}'\n", from, to, label(*f.colour, size.height - 40),
                    hex(theme::ink));
   s += "unset grid\nunset border\nunset key\nset tics scale 0\n";
@@ -289,7 +327,7 @@ std::string heat_map(const Figure& f, FigureSize size) {
   s += named_tics("y", m.rows, fit_rows, 150);
   s += fmt::format("set xrange [-0.5:{}]\nset yrange [{}:-0.5]\n", static_cast<double>(columns) - 0.5,
                    static_cast<double>(rows) - 0.5);
-  s += fmt::format("set rmargin at screen {}\n", 1 - 108.0 / size.width);
+  s += room_for_colours(*f.colour, size);
   const bool numbers = m.numbers && rows <= fit_rows && static_cast<int>(columns) * 48 <= size.width - 260;
   const double gap_x = columns > 40 ? 0 : 0.02, gap_y = rows > 40 ? 0 : 0.02;
   for (std::size_t i = 0; i < rows; ++i)
@@ -300,9 +338,13 @@ std::string heat_map(const Figure& f, FigureSize size) {
                        x - 0.5 + gap_x, y - 0.5 + gap_y, x + 0.5 - gap_x, y + 0.5 - gap_y, hex(fill));
       if (numbers)
         s += fmt::format("set label {} at {},{} center front textcolor '{}'\n",
-                         quoted(std::isfinite(v) ? fmt::format("{:.{}f}", v, m.decimals) : "–"), x, y,
-                         hex(ink_on(fill)));
+                         quoted(std::isfinite(v) ? fmt::format("{:.{}f}", v, m.decimals) : "–"), x, y, hex(theme::ink));
     }
+  for (const auto& [row, column] : m.marked)
+    s += fmt::format(
+        "set object rectangle from {},{} to {},{} front fillstyle empty border linecolor '{}' linewidth 2\n",
+        static_cast<double>(column) - 0.47, static_cast<double>(row) - 0.45, static_cast<double>(column) + 0.47,
+        static_cast<double>(row) + 0.45, hex(theme::ink));
   return s + "plot NaN with lines linecolor palette notitle\n";
 }
 
@@ -423,13 +465,12 @@ std::string curves(const Figure& f, FigureSize size) {
         c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(fitting(c.label, size.width - 130)));
   }
   if (f.colour) {
-    // Room for the bar, its numbers and its label: gnuplot leaves too little where the numbers are long.
-    s += fmt::format("set cblabel {} textcolor '{}'\nset rmargin at screen {}\n", label(*f.colour, size.height - 40),
-                     hex(theme::ink), 1 - 108.0 / size.width) +
-         range("cb", *f.colour, {});
+    s += fmt::format("set cblabel {} textcolor '{}'\n", label(*f.colour, size.height - 40), hex(theme::ink)) +
+         room_for_colours(*f.colour, size) + range("cb", *f.colour, {});
     plot += ", NaN with lines linecolor palette notitle";  // gnuplot draws the colour bar for this curve
   }
-  return s + range("x", f.x, ranges.x) + range("y", f.y, ranges.y) + plot + "\n";
+  return s + range("x", f.x, ranges.x) + marks_that_fit(f.x, ranges.x, size.width) + range("y", f.y, ranges.y) + plot +
+         "\n";
 }
 
 }  // namespace

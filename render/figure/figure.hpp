@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -54,13 +55,15 @@ struct Matrix {
   std::vector<std::vector<double>> values;
 };
 
-/// Numbers over two lists of names, the first row on top: cells coloured by the figure's colour axis. NaN is grey.
+/// Numbers over two lists of names, the first row on top: cells coloured by the figure's colour axis, from white to
+/// orange, so that ink is readable on all. NaN is grey.
 struct HeatMap {
   std::vector<std::string> columns, rows;
-  std::vector<std::vector<double>> values;  ///< values[row][column]
-  bool numbers = true;                      ///< in the cells, where there is room
-  int decimals = 2;                         ///< of these
-  bool signed_values = false;               ///< from blue over white at 0 to orange; the axis is symmetric
+  std::vector<std::vector<double>> values;           ///< values[row][column]
+  bool numbers = true;                               ///< in the cells, where there is room
+  int decimals = 2;                                  ///< of these
+  std::vector<std::array<std::size_t, 2>> marked{};  ///< row and column of cells with a frame
+  bool signed_values = false;                        ///< from blue over white at 0 to orange; the axis is symmetric
 };
 
 /// Horizontal bars from 0, one group per name, the first on top, each with its interval. NaN draws nothing.

@@ -82,6 +82,7 @@ ORDER = {
         "report",
         "report/run",
         "report/sweep",
+        "report/fleet",
         "commands",
         "",
     ],

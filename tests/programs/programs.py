@@ -314,6 +314,8 @@ commands = [
             ("report", "diagnosis", "{in}/healthy.yaml", "{in}/healthy.csv", "-o", "diagnosis.html"),
             ("diagnosis.html",),
         ),
+        Command("report sweep", ("report", "sweep", "{in}/swept", "-o", "sweep.html"), ("sweep.html",)),
+        Command("report fleet", ("report", "fleet", "{in}/plant.db", "-o", "fleet.html"), ("fleet.html",)),
         Command(
             "report video",
             ("report", "video", "{in}/run", "--seconds", "0.2", "--fps", "10", "--size", "64x64", "-o", "video.mp4"),
@@ -853,13 +855,15 @@ def write_measurements(random):
         friction,
         0 * v + 0.02,
     )
-    write(
-        "fleet.csv",
-        "robot,joint,date,speed_rad_s,temperature_degC,friction_nm\n"
-        + "".join(
-            f"R{i // 15 % 2},hinge,2026-11-{i // 30 + 1:02},{v[i]},{T[i]},{friction[i]}\n" for i in range(v.size)
-        ),
-    )
+    for name, month in (("fleet.csv", 11), ("fleet_later.csv", 12)):
+        write(
+            name,
+            "robot,joint,date,speed_rad_s,temperature_degC,friction_nm\n"
+            + "".join(
+                f"R{i // 15 % 2},hinge,2026-{month}-{i // 30 + 1:02},{v[i]},{T[i]},{friction[i]}\n"
+                for i in range(v.size)
+            ),
+        )
     write_table(
         "curves.csv",
         "speed_rad_s,friction_norm",
@@ -893,6 +897,9 @@ def make_results():
     )
     made("tribotwin", "identify", "--law", "stribeck", "curves.csv", "-o", "params.yaml", "--quiet")
     made("tribotwin", "diagnose", "learn", "healthy.csv", "-o", "healthy.yaml", "--quiet")
+    made("tribotwin", "sweep", "plan.yaml", "-o", "swept", "--quiet")
+    made("tribotwin", "fleet", "learn", "fleet.csv", "-o", "plant.db", "--quiet")
+    made("tribotwin", "fleet", "check", "fleet_later.csv", "-o", "plant.db", "--quiet")
     made(
         "tribotwin",
         "excite",

@@ -328,7 +328,7 @@ class Writer {
     page_.add_table(to, header, rows);
     if (!short_keys)
       page_.add(to, "p", fmt::format("The {} factors of each run stand in results.csv.", sweep_.keys.size()), "soft");
-    page_.add(to, "p", "Each of them again, with its telemetry:");
+    page_.add(to, "p", "Each of them again, with its telemetry, from the folder in which this page was made:");
     std::string commands;
     for (const std::size_t run : named) commands += (commands.empty() ? "" : "\n") + repeat(run);
     page_.add(to, "pre", commands);
@@ -343,13 +343,26 @@ class Writer {
     return number ? fmt::format("{:.5g}", *number) : value;
   }
 
-  /// Runs of a status, by their message, the commonest first.
+  /// The kind of a message.
+  static std::string without_numbers(const std::string& message) {
+    std::string kind;
+    for (const char c : message)
+      if (std::string_view("+-.e0123456789").find(c) == std::string_view::npos) kind += c;
+    return kind;
+  }
+
+  /// Runs of a status, by their message but for its numbers, the commonest first.
   void reasons(const char* status, const char* heading, const char* of) {
-    std::map<std::string, std::vector<std::size_t>> by_message;
+    std::map<std::string, std::pair<std::string, std::vector<std::size_t>>> by_message;  // as it is for the first run
     for (const auto& run : sweep_.runs)
-      if (run.status == status) by_message[run.message].push_back(run.number);
+      if (run.status == status) {
+        auto& [message, runs] = by_message[without_numbers(run.message)];
+        if (runs.empty()) message = run.message;
+        runs.push_back(run.number);
+      }
     if (by_message.empty()) return;
-    std::vector<std::pair<std::string, std::vector<std::size_t>>> all(by_message.begin(), by_message.end());
+    std::vector<std::pair<std::string, std::vector<std::size_t>>> all;
+    for (auto& entry : by_message) all.push_back(std::move(entry.second));
     std::ranges::stable_sort(all, std::greater{}, [](const auto& x) { return x.second.size(); });
     auto to = page_.body();
     page_.add(to, "h2", heading);
@@ -363,9 +376,11 @@ class Writer {
       for (std::size_t i = 0; i < std::min<std::size_t>(runs.size(), 8); ++i)
         numbers += fmt::format("{}{}", i ? ", " : "", runs[i]);
       if (runs.size() > 8) numbers += ", …";
-      rows.push_back({fmt::format("{} of {}", runs.size(), made()), numbers, message});
+      rows.push_back(
+          {fmt::format("{} of {}", runs.size(), made()), numbers,
+           message.starts_with(sweep_.scenario + ": ") ? message.substr(sweep_.scenario.size() + 2) : message});
     }
-    page_.add_table(to, {"runs", "their numbers", of}, rows);
+    page_.add_table(to, {"runs", "their numbers", std::string(of) + ", the first"}, rows);
     page_.add(to, "p", "The first of them again:");
     page_.add(to, "pre", repeat(all.front().second.front()));
   }

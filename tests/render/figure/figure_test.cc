@@ -400,6 +400,61 @@ TEST(Figures, MatrixShowsItsLowerHalf) {
   EXPECT_EQ(refusal(correlation_matrix("C", {{"a", "b"}, {{1, nan}, {nan, 1}}})), "");
 }
 
+TEST(Figures, HeatMapShowsItsCells) {
+  Figure f{
+      .title = "H", .x = plain_y, .y = plain_y, .colour = Axis{.quantity = "heat", .unit = "J", .from = 1, .to = 4}};
+  f.heat_map =
+      HeatMap{.columns = {"a_1", "b"}, .rows = {"top", "bottom"}, .values = {{1, 2.25}, {nan, 4}}, .decimals = 2};
+  const Drawing d = drawing(f);
+  for (const char* text : {"a_1", "b", "top", "bottom", "1.00", "2.25", "4.00", "–", "heat [J]"})
+    EXPECT_TRUE(d.says(text)) << text;
+  EXPECT_TRUE(draw(f, Format::png)->starts_with("\x89PNG"));
+  f.heat_map->values = {{1, 2}};
+  EXPECT_NE(refusal(f).find("2 columns, 2 rows and 1 rows of values"), std::string::npos);
+  f.heat_map->values = {{1, 2}, {3, 4}};
+  f.colour.reset();
+  EXPECT_NE(refusal(f).find("needs a colour axis"), std::string::npos);
+}
+
+TEST(Figures, RankingShowsNamesAndIntervals) {
+  Figure f{.title = "R", .x = {.quantity = "index"}, .y = {}};
+  f.ranking = Ranking{.names = {"a.b_c", "d"},
+                      .bars = {{.label = "total", .values = {0.8, nan}, .low = {0.7, nan}, .high = {0.9, nan}},
+                               {.label = "first", .values = {0.5, 0.1}, .low = {nan, nan}, .high = {nan, nan}}}};
+  const Drawing d = drawing(f);
+  for (const char* text : {"a.b_c", "d", "total", "first", "index [-]"}) EXPECT_TRUE(d.says(text)) << text;
+  f.ranking->bars[0].low.pop_back();
+  EXPECT_NE(refusal(f).find("2 names and bars of 2, 1 and 2 numbers"), std::string::npos);
+  f.ranking->bars = {{.label = "", .values = {nan, nan}, .low = {nan, nan}, .high = {nan, nan}}};
+  EXPECT_NE(refusal(f).find("no finite value"), std::string::npos);
+}
+
+TEST(Figures, DistributionCountsEveryValue) {
+  const std::vector<double> values{1, 2, 2, 3, nan, 7};
+  const std::vector<Marked> marked{{"quantiles", 1.5}, {"median", 2}, {"quantiles", 6}, {"quantiles", nan}};
+  const Figure f = distribution("D", plain_y, values, marked, "mean, 95 %", 2, 4);
+  double counted = 0;
+  for (const double n : f.series[0].y) counted += n;
+  EXPECT_EQ(counted, 5);
+  ASSERT_EQ(f.series.size(), 5);  // bars, strip, three lines
+  const Drawing d = drawing(f);
+  for (const char* text : {"n = 5", "mean, 95 %", "quantiles", "median"}) EXPECT_TRUE(d.says(text)) << text;
+  EXPECT_EQ(std::ranges::count(d.texts, "quantiles"), 1);
+  EXPECT_NE(refusal(distribution("D", plain_y, std::vector{nan}, {}, "", 0, 0)).find("no finite value"),
+            std::string::npos);
+}
+
+TEST(Figure, NumbersBelowAnAxisDoNotTouch) {
+  Figure f{
+      .title = "F", .x = plain_y, .y = plain_y, .series = {{.mark = Mark::points, .x = {0.0261, 0.0369}, .y = {0, 1}}}};
+  f.x.quantity = "x";
+  const Drawing d = drawing(f);
+  const auto long_numbers = std::ranges::count_if(
+      d.texts, [](const std::string& t) { return t.find("0.02") != t.npos || t.find("0.03") != t.npos; });
+  EXPECT_GE(long_numbers, 2);
+  EXPECT_LE(long_numbers, 8);  // gnuplot's own are 11
+}
+
 // In greyscale the tone is the magnitude for both signs, and text on it stays readable.
 TEST(Figures, DivergingTonesReadInGreyscale) {
   const auto linear = [](double c) {

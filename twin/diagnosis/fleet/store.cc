@@ -194,7 +194,7 @@ class Store::Made {
   void begin() {
     const int code = sqlite3_exec(db_.get(), "PRAGMA cache_size = -65536; BEGIN IMMEDIATE", nullptr, nullptr, nullptr);
     const auto no_store = [&] {
-      return InputError(fmt::format("{}: is no store of tribotwin fleet; -o names one, or a new file", file_.string()));
+      return InputError(fmt::format("{}: is no store of tribotwin fleet; name one, or a new file", file_.string()));
     };
     if (code == SQLITE_NOTADB) throw no_store();
     // Without its journal a file that could be opened fails by the machine: SQLite keeps no better reason than ENOENT.
@@ -369,6 +369,44 @@ void Store::put_verdicts(const std::string& kind, std::int64_t time_s, double ra
         ->statement("INSERT INTO verdicts VALUES(?, ?, ?, ?, ?, ?, ?, ?, ?, ?)")(
             kind, time_s, v.joint, v.p, v.q, v.pattern, v.severity, v.unit, v.confidence, v.margin)
         .run();
+}
+
+std::vector<PastCheck> Store::checks() {
+  std::vector<PastCheck> all;
+  auto& s = made_->statement(
+      "SELECT c.kind, c.time_s, c.rate, c.judged, (SELECT count(*) FROM verdicts v WHERE v.kind = c.kind AND "
+      "v.time_s = c.time_s) FROM checks c ORDER BY c.time_s, c.kind")();
+  while (s.row())
+    all.push_back({.kind = s.text(0),
+                   .time_s = s.integer(1),
+                   .rate = s.real(2),
+                   .judged = static_cast<std::size_t>(s.integer(3)),
+                   .listed = static_cast<std::size_t>(s.integer(4))});
+  return all;
+}
+
+std::vector<ImportedFile> Store::files(std::int64_t from_s, std::int64_t to_s) {
+  std::vector<ImportedFile> all;
+  auto& s = made_->statement(
+      "SELECT files.name, count(*), sum(weak != ''), count(DISTINCT joints.robot) FROM observations JOIN files ON "
+      "files.id = file JOIN joints ON joints.id = joint WHERE learned = 0 AND time_s BETWEEN ? AND ? GROUP BY file "
+      "ORDER BY files.name")(from_s, to_s);
+  while (s.row())
+    all.push_back({.name = s.text(0),
+                   .curves = static_cast<std::size_t>(s.integer(1)),
+                   .weak = static_cast<std::size_t>(s.integer(2)),
+                   .robots = static_cast<std::size_t>(s.integer(3))});
+  return all;
+}
+
+std::vector<StoredNote> Store::notes(std::int64_t from_s, std::int64_t to_s) {
+  std::vector<StoredNote> all;
+  auto& s = made_->statement(
+      "SELECT robots.name, joints.name, text, time_s FROM notes LEFT JOIN joints ON joints.id = joint LEFT JOIN robots "
+      "ON robots.id = joints.robot WHERE time_s BETWEEN ? AND ? OR time_s IS NULL ORDER BY time_s, notes.id")(from_s,
+                                                                                                              to_s);
+  while (s.row()) all.push_back({.robot = s.text(0), .joint = s.text(1), .text = s.text(2), .time_s = s.integer(3)});
+  return all;
 }
 
 }  // namespace tribotwin::twin::diagnosis::fleet

@@ -35,6 +35,23 @@ struct StoredVerdict {
   double severity = 0, confidence = 0, margin = 0;
 };
 
+/// How often and how strictly joints were judged before.
+struct PastCheck {
+  std::string kind;  ///< check, watch
+  std::int64_t time_s = 0;
+  double rate = 0;
+  std::size_t judged = 0, listed = 0;
+};
+/// Where curves of a time came from.
+struct ImportedFile {
+  std::string name;
+  std::size_t curves = 0, weak = 0, robots = 0;  ///< weak: left out, not identifiable from their levels
+};
+struct StoredNote {
+  std::string robot, joint, text;
+  std::int64_t time_s = 0;
+};
+
 class Store {
  public:
   /// Opens a store, or makes one where there is no file of that name; nothing is kept before commit().
@@ -65,6 +82,11 @@ class Store {
   void put_verdicts(const std::string& kind, std::int64_t time_s, double rate, std::size_t judged,
                     const std::vector<StoredVerdict>& verdicts);
   void commit();
+
+  /// For reports. Times: of the curves, both ends included.
+  std::vector<PastCheck> checks();
+  std::vector<ImportedFile> files(std::int64_t from_s, std::int64_t to_s);
+  std::vector<StoredNote> notes(std::int64_t from_s, std::int64_t to_s);
 
  private:
   class Made;

@@ -1,0 +1,252 @@
+"""tribotwin-report sweep and fleet: the pages in a real browser, their numbers against those of tribotwin sweep and
+fleet, unfinished and failing sweeps, stores without a verdict, wrong input. Arguments: tribotwin, tribotwin-report,
+source tree."""
+import csv, glob, json, os, re, shlex, shutil, sqlite3, sys
+
+from browser import Browser
+import harness
+from harness import check, check_refused, content, finish, path, work
+from pendulum import PENDULUM
+
+twin, report, source = sys.argv[1:4]
+sys.path.insert(0, os.path.join(source, "tests", "twin", "commands"))
+from fleet_plant import HEADER, Plant
+
+check_page = Browser(work, check).check_page
+
+
+def run(program, *arguments):
+    # A report is made again and again here; that nothing is replaced unasked is tested in tests/programs.
+    return harness.run(program, *arguments, *(["--force"] if program == report else []))
+
+
+def write(name, text):
+    with open(path(name), "w") as f:
+        f.write(text)
+
+
+def verdict(page):
+    return re.search(r'<p class="verdict" id="verdict">([^<]*)</p>', content(page)).group(1)
+
+
+# ---- Sweeps.
+write("pendulum.xml", PENDULUM)
+write(
+    "scenario.yaml",
+    "model: pendulum.xml\nduration_s: 2\n"
+    "motion: {type: cycle, waypoints: [{position_rad: -0.5}, {position_rad: 0.6}], speed_rad_s: 2}\n",
+)
+PLAN = """scenario: scenario.yaml
+description: a pendulum & <its> friction
+set: {duration_s: 1}
+factors:
+  temperature_degC: {uniform: [20, 40]}
+  drives.hinge.Fc0: {normal: [0.03, 0.002]}
+design: {type: sobol, runs: 40, seed: 3}
+outputs: [heat_J, joints.hinge.temperature_degC.end, max_abs(hinge.friction_nm)]
+bands: {telemetry: [hinge.friction_nm], times: 11}
+"""
+write("small.yaml", PLAN)
+run(twin, "sweep", "small.yaml", "-o", "runs/small", "--quiet")
+r = run(report, "sweep", "runs/small", "--png")
+check("sweep: the page is written", r.returncode == 0 and r.stdout.endswith("runs/small/report.html\n"), r)
+m = check_page("sweep", path("runs/small/report.html"), 0, len(os.listdir(path("runs/small/report_figures"))))
+text = m["text"] if m else ""
+statistics = json.loads(content("runs/small/statistics.json"))
+heat = statistics["outputs"]["heat_J"]
+said = verdict("runs/small/report.html")
+numbers = [float(x) for x in re.findall(r"-?\d+\.\d+", said)]
+check(
+    "sweep: the verdict has mean and interval of the first output",
+    all(
+        abs(shown - true) <= 0.05 * (heat["mean"]["confidence_95"][1] - heat["mean"]["confidence_95"][0])
+        for shown, true in zip(numbers, [heat["mean"]["value"], *heat["mean"]["confidence_95"]])
+    )
+    and "over 40 runs" in said,
+    (said, heat["mean"]),
+)
+largest = max(heat["rank_correlations"].items(), key=lambda x: abs(x[1]["value"]))
+check(
+    "sweep: the verdict names what matters most",
+    f"{largest[0]} matters most (rank correlation {largest[1]['value']:.2f}, 95 %" in said,
+    (said, largest),
+)
+for what in (
+    "Sweep small",
+    "a pendulum & <its> friction",
+    "Sobol' sequence, seed 3",
+    "MuJoCo",
+    "joints.hinge.temperature_degC.end [°C]",
+    "max_abs(hinge.friction_nm) [Nm]",
+    "Over time",
+    *statistics["notes"],
+):
+    check(f"sweep: the page says {what[:40]!r}", what in text)
+
+rows = list(csv.DictReader(open(path("runs", "small", "results.csv"))))
+worst = max(rows, key=lambda row: float(row["heat_J"]))
+line = re.search(r"largest heat_J\t(\d+)\t([\d.]+) J", text)
+check(
+    "sweep: the worst run is that of the table",
+    line and line[1] == worst["run"] and abs(float(line[2]) / float(worst["heat_J"]) - 1) < 0.05,
+    (line, worst),
+)
+command = next((c for c in text.splitlines() if f"--run {worst['run']} " in c), "")
+r = harness.run(*([twin] + shlex.split(command)[1:] + ["--quiet"])) if command else None
+folder = shlex.split(command)[-1] if command else ""
+check(
+    "sweep: the page's command repeats the worst run, to the bit",
+    r and r.returncode == 0 and json.loads(content(folder + "/summary.json"))["heat_J"] == float(worst["heat_J"]),
+    (command, r),
+)
+
+# A run is repeated only while its scenario is what it was.
+before = content("scenario.yaml")
+write("scenario.yaml", before.replace("speed_rad_s: 2", "speed_rad_s: 1.9"))
+r = run(twin, "sweep", "runs/small/campaign.yaml", "--run", "1", "-o", "runs/changed")
+check_refused("a changed scenario", r, ["resolved_scenario", "scenario.yaml", "has changed since"], 2, lines=None)
+r = run(report, "sweep", "runs/small")
+check("a finished sweep needs its folder alone", r.returncode == 0, r.stderr)
+write("scenario.yaml", before)
+write("top.yaml", PLAN + "runs: 7\n")
+r = run(twin, "sweep", "top.yaml", "-o", "runs/top")
+check_refused("a plan does not take what only campaign.yaml has", r, ["runs"], 2, lines=None)
+
+# Unfinished: as a kill leaves it, with a hole.
+shutil.copytree(path("runs/small"), path("runs/part"))
+for name in ("results.csv", "results.h5", "statistics.json", "bands.csv"):
+    os.remove(path("runs/part", name))
+for n in (3, *range(30, 40)):
+    os.remove(path("runs/part/runs", f"{n:07}.json"))
+r = run(report, "sweep", "runs/part")
+check("unfinished: exit 0 and a note", r.returncode == 0 and "29 of 40 runs are there" in r.stderr, r)
+said = verdict("runs/part/report.html")
+check("unfinished: the verdict says so", said.startswith("Unfinished: 29 of 40 runs are there"), said)
+there = [float(row["heat_J"]) for row in rows if int(row["run"]) < 30 and row["run"] != "3"]
+numbers = [float(x) for x in re.findall(r"-?\d+\.\d+", said)]
+check(
+    "unfinished: the mean is of what is there", abs(numbers[0] / (sum(there) / 29) - 1) < 2e-3, (said, sum(there) / 29)
+)
+m = check_page("unfinished", path("runs/part/report.html"), 0, 19, widths=(1100,))
+r = run(twin, "sweep", "runs/part/campaign.yaml", "-o", "runs/part", "--quiet")
+check(
+    "unfinished: the page's command ends it with the same results",
+    r.returncode == 0 and content("runs/part/results.csv") == content("runs/small/results.csv"),
+    r.stderr,
+)
+for name in glob.glob(path("runs/part/runs/*")) + [
+    path("runs/part", n) for n in ("results.csv", "statistics.json", "report.html")
+]:
+    os.remove(name)
+check_refused("no run yet", run(report, "sweep", "runs/part"), ["has none of its 40 runs yet"], 2, lines=None)
+check_refused("no sweep", run(report, "sweep", "."), ["holds no sweep"], 2, lines=None)
+check_refused(
+    "no folder", run(report, "sweep", "nowhere", "-o", "x.html"), ["nowhere", "holds no sweep"], 2, lines=None
+)
+shutil.copytree(path("runs/small"), path("runs/torn"))
+write("runs/torn/results.csv", content("runs/small/results.csv")[:-40])
+check_refused("a torn table", run(report, "sweep", "runs/torn"), ["results.csv:41", "cells"], 2, lines=None)
+write("runs/torn/results.csv", content("runs/small/results.csv"))
+write("runs/torn/statistics.json", "{}")
+check_refused("torn statistics", run(report, "sweep", "runs/torn"), ["statistics.json"], 2, lines=None)
+
+# A grid with words, runs that fail, indices.
+write("other.xml", PENDULUM.replace('"0.03"', '"0.04"'))
+write(
+    "grid.yaml",
+    "scenario: scenario.yaml\nset: {duration_s: 0.5}\n"
+    "factors: {temperature_degC: [20, 30, 40], model: [pendulum.xml, other.xml]}\n"
+    "design: {type: grid}\noutputs: {heat: heat_J}\n",
+)
+r = run(twin, "sweep", "grid.yaml", "-o", "runs/grid", "--quiet")
+r = run(report, "sweep", "runs/grid")
+m = check_page("grid", path("runs/grid/report.html"), 0, 4, widths=(1100,))
+check(
+    "grid: total Sobol' index, no interval",
+    m and "total Sobol' index" in m["text"] and "Each cell is one run" in m["text"],
+)
+write("wide.yaml", PLAN.replace("[0.03, 0.002]", "[0.01, 0.02]").replace("type: sobol", "type: random"))
+run(twin, "sweep", "wide.yaml", "-o", "runs/wide", "--quiet")
+failed = [row for row in csv.DictReader(open(path("runs", "wide", "results.csv"))) if row["status"] == "failed"]
+r = run(report, "sweep", "runs/wide")
+m = check_page("failed runs", path("runs/wide/report.html"), 0, 19, widths=(1100,))
+check(
+    "failed runs: how many, why, and the first one again",
+    m
+    and f"{len(failed)} runs failed." in verdict("runs/wide/report.html")
+    and failed[0]["message"].split(": ", 1)[1] in m["text"]
+    and f"{len(failed)} of 40\t" in m["text"]
+    and f"--run {failed[0]['run']} " in m["text"],
+    (len(failed), m and m["text"][-3000:]),
+)
+write("indices.yaml", PLAN.replace("runs: 40, seed: 3", "runs: 64, indices: true"))
+run(twin, "sweep", "indices.yaml", "-o", "runs/indices", "--quiet")
+r = run(report, "sweep", "runs/indices")
+m = check_page("indices", path("runs/indices/report.html"), 0, 19, widths=(1100,))
+check("indices: of the independent runs", "the 32 runs that are independent" in verdict("runs/indices/report.html"))
+
+# ---- Fleets.
+plant = Plant(20)
+plant.write(path("healthy.csv"), 14)
+week = plant.rows(7, {("R0003", "joint2"): 0.2})
+write("week.csv", "\n".join([HEADER] + [row for row in week if not row.startswith("R0005,joint3")]) + "\n")
+run(twin, "fleet", "learn", "healthy.csv", "-o", "plant.db", "--quiet")
+told = json.loads(run(twin, "fleet", "check", "week.csv", "-o", "plant.db", "--json").stdout)
+since = json.loads(run(twin, "fleet", "watch", "-o", "plant.db", "--json").stdout)["joints"][0]["since"]
+stored = content("plant.db", "rb")
+r = run(report, "fleet", "plant.db")
+check("fleet: the page is beside the store", r.returncode == 0 and r.stdout == "plant.html\n", r)
+check("fleet: the store is as it was", content("plant.db", "rb") == stored)
+m = check_page("fleet", path("plant.html"), 0, 4)
+text, said, first = m["text"] if m else "", verdict("plant.html"), told["joints"][0]
+for what in (
+    f"1 of {told['judged']} joints needs a look",
+    f"{first['robot']} {first['joint']}",
+    f"friction {100 * first['friction_change']:+.1f} %",
+    f"looks like wear (confidence {first['confidence']:.2f})",
+    f"since {since}",
+    "False-discovery rate 5 %",
+    "1 joint has no verdict",
+):
+    check(f"fleet: the verdict says {what!r}", what in said, said)
+check(
+    "fleet: margin and advice are those of fleet check",
+    "{value:.3f} ({low:.3f} … {high:.3f})".format(**first["margin"]) in text and first["advice"] in text,
+    (first, text[:2000]),
+)
+check("fleet: what was imported", re.search(r"week.csv\t273\t20\t0", text), text[-1500:])
+check("fleet: earlier checks", re.search(rf"{told['date']}\tcheck\t39\t1\t5 %", text), text[-1500:])
+
+r = run(report, "fleet", "plant.db", "-o", "before.html", "--date", "2026-03-15", "--days", "1", "--first", "0")
+m = check_page("fleet, first day", path("before.html"), 0, 1, widths=(1100,))
+check("fleet: the day that is judged", m and "The 1 days to 2026-03-15" in m["text"], m and m["text"][:800])
+write("good.csv", "\n".join([HEADER] + [row for row in week if not row.startswith("R0003")]) + "\n")
+run(twin, "fleet", "learn", "healthy.csv", "-o", "good.db", "--quiet")
+check_refused(
+    "nothing to judge", run(report, "fleet", "good.db"), ["good.db", "no observation to judge"], 2, lines=None
+)
+run(twin, "fleet", "check", "good.csv", "-o", "good.db", "--quiet")
+r = run(report, "fleet", "good.db")
+m = check_page("fleet without a listed joint", path("good.html"), 0, 1, widths=(1100,))
+check(
+    "nothing listed is said", verdict("good.html").startswith("None of 38 joints needs a look."), verdict("good.html")
+)
+
+db = sqlite3.connect(path("good.db"))
+db.execute("DELETE FROM models WHERE joint = 'joint3'")
+db.commit()
+r = run(report, "fleet", "good.db", "-o", "half.html")
+check("joints without a model: said", "no healthy curves of their type were learned" in content("half.html"), r)
+db.execute("DELETE FROM models")
+db.commit()
+db.close()
+check_refused(
+    "no model at all", run(report, "fleet", "good.db"), ["holds no healthy state", "fleet learn"], 2, lines=None
+)
+write("empty.db", "")
+check_refused("an empty file", run(report, "fleet", "empty.db"), ["empty.db", "is empty"], 2, lines=None)
+check_refused("no file", run(report, "fleet", "no.db"), ["no.db", "there is no such file"], 2, lines=None)
+check("no file is made", not os.path.exists(path("no.db")))
+check_refused("another file", run(report, "fleet", "week.csv"), ["week.csv", "is no store"], 2, lines=None)
+check_refused("a wrong day", run(report, "fleet", "plant.db", "--date", "May"), ["--date May"], 2, lines=None)
+finish()
