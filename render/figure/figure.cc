@@ -233,7 +233,7 @@ std::string surface(const Figure& f, FigureSize size) {
       "set cblabel {} textcolor '{}'\nunset key\nset view 60,325,0.95,1.05\nset xyplane 0\nset pm3d depthorder\nset "
       "lmargin at screen 0.22\nset rmargin at screen 0.70\nset colorbox user origin {},0.2 size 0.025,0.6\n",
       label(*f.z, size.height - 100), hex(theme::ink),
-      0.85 - 0.016 * static_cast<double>(std::max<std::size_t>(5, longest_mark(ticks(z.low, z.high, 8))) - 5));
+      0.85 - 0.018 * static_cast<double>(std::max<std::size_t>(4, longest_mark(ticks(z.low, z.high, 8))) - 4));
   const auto spaced = [](const char* axis, double from, double to, const char* offset) {
     const auto marks = ticks(from, to, 5);
     return marks.size() > 1 ? fmt::format("set {}tics {} offset {}\n", axis, marks[1] - marks[0], offset) : "";
