@@ -1,7 +1,9 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include <tribotwin/twin/identification/curves/identifiability.hpp>
+#include <tribotwin/twin/identification/identifiability.hpp>
 #include <tribotwin/twin/identification/verdict/friction_lacking.hpp>
 
 namespace tribotwin::twin::identification {
@@ -28,6 +30,22 @@ Samples seen_by_law(const JointFriction& f, const std::vector<double>& parameter
   return s;
 }
 
+/// Of the torque by position of a joint: its parts are compared with the amplitude of both, as the phase is the zero
+/// of the angle's.
+std::vector<Lacking> lacking_position(const std::vector<Estimate>& parameters, const Eigen::MatrixXd& covariance) {
+  const std::size_t first = parameters.size() - 2;
+  Evidence evidence{.parameters = parameters, .covariance = covariance};
+  evidence.scale.assign(parameters.size(), 0);
+  evidence.scale[first] = evidence.scale[first + 1] = std::hypot(parameters[first].value, parameters[first + 1].value);
+  std::vector<Lacking> out;
+  for (Lacking& one : lacking(evidence, [](const Estimate&, Lack lack) -> std::string {
+         return lack == Lack::no_effect ? "" : "record more of the joint's range";
+       }))
+    if (one.parameter == parameters[first].name || one.parameter == parameters[first + 1].name)
+      out.push_back(std::move(one));
+  return out;
+}
+
 }  // namespace
 
 std::vector<Lacking> lacking_friction(const Regressor& regressor, const RobotFriction& friction,
@@ -40,7 +58,7 @@ std::vector<Lacking> lacking_friction(const Regressor& regressor, const RobotFri
     const Samples samples = seen_by_law(f, fit.parameters.friction[k], motion, gear_load, j);
     if (samples.size() == 0 || !std::isfinite(samples.friction.front())) continue;  // its friction is not known
     Estimates own{.parameters = fit.friction[k], .covariance = fit.friction_covariance[k]};
-    if (f.directional().position) {  // parts of a curve over speed are judged; these are not
+    if (f.directional().position) {  // no part of a curve over speed
       own.parameters.resize(own.parameters.size() - 2);
       own.covariance = own.covariance.topLeftCorner(f.size() - 2, f.size() - 2).eval();
     }
@@ -49,8 +67,11 @@ std::vector<Lacking> lacking_friction(const Regressor& regressor, const RobotFri
       for (Estimate& e : own.parameters)
         if (e.name == convention) e.status = Status::fixed;
     const bool slide = regressor.is_slide(j) && f.law().side == friction::Side::arm;
-    for (Lacking& one : lacking_of(f.law(), samples, own, {}, {},
-                                   {.speed = slide ? "m/s" : "rad/s", .offset_per_torque = f.scales().torque})) {
+    std::vector<Lacking> of_joint = lacking_of(
+        f.law(), samples, own, {}, {}, {.speed = slide ? "m/s" : "rad/s", .offset_per_torque = f.scales().torque});
+    if (f.directional().position)
+      std::ranges::move(lacking_position(fit.friction[k], fit.friction_covariance[k]), std::back_inserter(of_joint));
+    for (Lacking& one : of_joint) {
       one.parameter = regressor.joint_name(j) + "." + one.parameter;
       all.push_back(std::move(one));
     }
