@@ -99,6 +99,10 @@ Sampling sampling_of(const RobotRecording& rec, const Preparation& preparation, 
   return s;
 }
 
+bool is_long_enough(const RobotRecording& rec, const Stretch& s) {
+  return rec.time_s[s.last] - rec.time_s[s.first] >= 1 && s.last - s.first >= 20;
+}
+
 /// How a stretch is filtered and decimated.
 struct Filtering {
   double period_s, rate_hz, cutoff_hz;
@@ -182,8 +186,90 @@ std::vector<double> advanced(const std::vector<double>& signal, double samples) 
   return out;
 }
 
+/// A joint's speed in a stretch, both filtered alike: the slope of its positions, and as recorded.
+struct Speeds {
+  std::vector<double> slope, recorded;
+  double rate_hz;
+  Index edge;  ///< samples at either end in which the filter rings
+};
+
+/// A filtered velocity that much earlier; at the end, where that is not recorded, the slope of the positions.
+std::vector<double> on_time(const Speeds& x, double delay_s) {
+  std::vector<double> out = advanced(x.recorded, delay_s * x.rate_hz);
+  const auto beyond = std::min<std::ptrdiff_t>(
+      std::ssize(out), static_cast<std::ptrdiff_t>(std::ceil(std::abs(delay_s) * x.rate_hz)) + 2);
+  if (delay_s > 0)
+    std::copy(x.slope.end() - beyond, x.slope.end(), out.end() - beyond);
+  else if (delay_s < 0)
+    std::copy(x.slope.begin(), x.slope.begin() + beyond, out.begin());
+  return out;
+}
+
+/// d of v(t) = s(t - d) by Gauss-Newton, s being the slope of the positions: sum s' (s - v) over sum s' v', as the
+/// noise of s in s'^2 would make each step too short. Sigma by the scatter between parts of the time, so that noise may
+/// correlate. Without a sigma (infinite) where there is too little time or motion.
+std::pair<double, double> delay_of(const std::vector<Speeds>& stretches) {
+  constexpr int rounds = 4, least_parts = 8;
+  constexpr double part_s = 0.5, longest_s = 0.1;
+  const std::pair<double, double> unknown{0, std::numeric_limits<double>::infinity()};
+  double delay_s = 0;
+  for (int round = 0;; ++round) {
+    std::vector<double> parts;
+    double all = 0, slopes = 0;
+    for (const Speeds& x : stretches) {
+      const std::vector<double> v = advanced(x.recorded, delay_s * x.rate_hz);
+      const auto margin = static_cast<std::size_t>(x.edge) + static_cast<std::size_t>(longest_s * x.rate_hz) + 2,
+                 length = std::max<std::size_t>(1, static_cast<std::size_t>(part_s * x.rate_hz));
+      for (std::size_t i = margin; i + margin < v.size(); ++i) {
+        if ((i - margin) % length == 0) parts.push_back(0);
+        const double by_time = (x.slope[i + 1] - x.slope[i - 1]) * x.rate_hz / 2;
+        parts.back() += by_time * (x.slope[i] - v[i]);
+        slopes += by_time * (v[i + 1] - v[i - 1]) * x.rate_hz / 2;
+      }
+    }
+    if (std::ssize(parts) < least_parts || !(slopes > 0)) return unknown;
+    double squares = 0;
+    for (const double x : parts) all += x, squares += x * x;
+    if (round == rounds) return {delay_s, std::sqrt(squares) / slopes};
+    delay_s += all / slopes;
+    if (!(std::abs(delay_s) < longest_s)) return unknown;
+  }
+}
+
+/// Adds the delays of a recording's velocities and says which are removed.
+Result<void> add_delays(const RobotRecording& rec, std::size_t file, const Regressor& r, const Sampling& sampling,
+                        const Preparation& preparation, JointMotion& out) {
+  constexpr double enough_sigmas = 3, least_samples = 0.2;
+  std::string text;
+  for (Index j = 0; j < r.joints(); ++j) {
+    std::vector<Speeds> stretches;
+    for (const Stretch& s : sampling.stretches) {
+      if (!is_long_enough(rec, s)) continue;
+      const auto f = filtering_of(rec, s, sampling, preparation);
+      if (!f) return tl::unexpected(f.error());
+      const auto filtered = [&](const MatrixXd& values) {
+        return low_passed(equidistant(rec, values, j, s, f->period_s, sampling.regular()), f->rate_hz, f->cutoff_hz);
+      };
+      stretches.push_back({slope_of(filtered(rec.position), f->rate_hz), filtered(rec.velocity), f->rate_hz, f->edge});
+    }
+    const auto [value_s, sigma_s] = delay_of(stretches);
+    const bool removed =
+        std::abs(value_s) > enough_sigmas * sigma_s && std::abs(value_s) > least_samples * sampling.typical_s;
+    out.velocity_delay.push_back({file, j, value_s, sigma_s, removed});
+    if (removed)
+      text += fmt::format("{}{} {:.2g} +- {:.1g} ms", text.empty() ? "" : ", ", r.joint_name(j), 1e3 * value_s,
+                          1e3 * sigma_s);
+  }
+  if (!text.empty())
+    out.notes.push_back(
+        fmt::format("{}: recorded velocities are late against the slope of their positions: {}; "
+                    "moved by that",
+                    rec.file.string(), text));
+  return {};
+}
+
 JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, const Filtering& f, bool regular,
-                        bool thermal, const Preparation& preparation) {
+                        bool thermal, double velocity_delay_s, const Preparation& preparation) {
   const bool recorded_velocity = preparation.recorded_velocity && rec.velocity.size() > 0;
   const auto at = [&](const MatrixXd& values) { return equidistant(rec, values, j, s, f.period_s, regular); };
   const auto filtered = [&](const std::vector<double>& raw) { return low_passed(raw, f.rate_hz, f.cutoff_hz); };
@@ -193,6 +279,8 @@ JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, co
   if (recorded_velocity) {
     out.speed = filtered(raw);
     out.speed_noise = noise_of(raw, out.speed, passed) * std::sqrt(passed);
+    if (velocity_delay_s != 0)
+      out.speed = on_time({slope_of(out.q, f.rate_hz), out.speed, f.rate_hz, f.edge}, velocity_delay_s);
   } else {
     out.speed = slope_of(out.q, f.rate_hz);
     const double w = 2 * std::numbers::pi * f.cutoff_hz;
@@ -206,13 +294,18 @@ JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, co
 
 /// Without samples where the stretch is shorter than its edges.
 Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, const Filtering& f, bool regular,
-             bool thermal, const Preparation& preparation) {
+             std::span<const JointMotion::VelocityDelay> delays, bool thermal, const Preparation& preparation) {
   const bool recorded_velocity = preparation.recorded_velocity && rec.velocity.size() > 0;
+  const auto delay_s = [&](Index joint) {
+    const auto found =
+        std::ranges::find_if(delays, [&](const auto& d) { return d.file == file && d.joint == joint && d.removed; });
+    return found == delays.end() ? 0 : found->value_s;
+  };
   const Index n = rec.position.rows();
   Part part{.file = file, .filtering = f};
   Index count = 0;
   for (Index j = 0; j < n; ++j) {
-    JointSamples x = samples_of(rec, j, s, f, regular, thermal, preparation);
+    JointSamples x = samples_of(rec, j, s, f, regular, thermal, delay_s(j), preparation);
     if (j == 0) {
       count = (static_cast<Index>(x.q.size()) - 2 * f.edge + f.every - 1) / f.every;
       if (count < 1) return part;
@@ -236,19 +329,22 @@ Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, cons
 }
 
 /// Adds the stretches of a recording; cutoff_hz and period_s are those of the first one.
-Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Preparation& preparation, JointMotion& out,
-                       std::vector<Part>& parts) {
+Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Regressor& r, const Preparation& preparation,
+                       JointMotion& out, std::vector<Part>& parts) {
   out.notes.insert(out.notes.end(), rec.notes.begin(), rec.notes.end());
   const Sampling sampling = sampling_of(rec, preparation, out.notes);
+  if (preparation.recorded_velocity && rec.velocity.size() > 0)
+    if (auto ok = add_delays(rec, file, r, sampling, preparation, out); !ok) return ok;
   bool used = false;
   for (const Stretch& s : sampling.stretches) {
-    if (rec.time_s[s.last] - rec.time_s[s.first] < 1 || s.last - s.first < 20) continue;
+    if (!is_long_enough(rec, s)) continue;
     used = true;
     const auto filtering = filtering_of(rec, s, sampling, preparation);
     if (!filtering) return tl::unexpected(filtering.error());
     if (out.period_s == 0)
       out.period_s = filtering->period_s * static_cast<double>(filtering->every), out.cutoff_hz = filtering->cutoff_hz;
-    Part part = part_of(rec, file, s, *filtering, sampling.regular(), out.has_temperature, preparation);
+    Part part =
+        part_of(rec, file, s, *filtering, sampling.regular(), out.velocity_delay, out.has_temperature, preparation);
     if (part.q.cols() >= 1) parts.push_back(std::move(part));
   }
   if (used) return {};
@@ -366,7 +462,7 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
       std::ranges::all_of(recordings, [](const RobotRecording& rec) { return rec.temperature_degC.size() > 0; });
   std::vector<Part> parts;
   for (std::size_t f = 0; f < recordings.size(); ++f)
-    if (auto ok = add_parts(recordings[f], f, preparation, out, parts); !ok) return tl::unexpected(ok.error());
+    if (auto ok = add_parts(recordings[f], f, r, preparation, out, parts); !ok) return tl::unexpected(ok.error());
   VectorXd fastest = VectorXd::Zero(r.rotors());
   for (const Part& p : parts)
     for (Index rotor = 0; rotor < r.rotors(); ++rotor)

@@ -62,6 +62,15 @@ struct JointMotion {
   std::vector<double> edge_s;          ///< per segment, length of its stretch that was left out at either end
   double cutoff_hz = 0, period_s = 0;  ///< of the first recording
   std::vector<double> lag_s;           ///< as in Preparation: what was removed from the torques
+  /// How late a recorded velocity is behind the slope of its positions [s], where speeds are recorded ones: measured
+  /// without any model, and removed where it is three sigma and a fifth of a sample.
+  struct VelocityDelay {
+    std::size_t file;
+    Eigen::Index joint;
+    double value_s, sigma_s;
+    bool removed;
+  };
+  std::vector<VelocityDelay> velocity_delay;
   bool has_temperature = false;
   /// Joints whose torque counts nowhere, per joint: not recorded, or leave_out(). Their torque may be NaN, and they
   /// never count as `moving`. Empty: none.

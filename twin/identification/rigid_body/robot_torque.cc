@@ -45,8 +45,10 @@ double friction_of(const Regressor& regressor, const RobotFriction& friction, co
                    const JointMotion& motion, Index rotor, Index sample, const VectorXd& rigid, double* derivatives) {
   const auto at = static_cast<std::size_t>(rotor);
   const double speed = regressor.speed(rotor, motion.qd.col(sample));
-  if (speed == 0 && !derivatives) return 0;
   const Index joint = regressor.joint_of(rotor);
+  if (speed == 0 && !derivatives)  // at rest friction is not known, what depends on speed is 0
+    return friction[at].offset(parameters.friction[at]) +
+           friction[at].position_torque(parameters.friction[at], motion.q(joint, sample), nullptr);
   return friction[at].filtered_torque(parameters.friction[at], speed, motion.direction(rotor, sample),
                                       regressor.load(rotor, rigid, motion.qdd.col(sample)),
                                       motion.temperature_degC(joint, sample), derivatives) +

@@ -34,7 +34,8 @@ struct RobotParameters {
 /// Whether a rotor's friction may have a part by position: of a hinge, not of a motor that turns with several joints.
 bool may_depend_on_position(const Regressor& regressor, Eigen::Index rotor);
 
-/// Friction [Nm; N] of a rotor in a sample of the motion, 0 at rest: the one place that knows its speed and load.
+/// Friction [Nm; N] of a rotor in a sample of the motion, with its offset and torque by position, which are all that is
+/// left at rest: the one place that knows its speed and load.
 /// `rigid`: rigid torques [Nm; N] of all joints in the sample. Derivatives by its parameters where not null.
 double friction_of(const Regressor& regressor, const RobotFriction& friction, const RobotParameters& parameters,
                    const JointMotion& motion, Eigen::Index rotor, Eigen::Index sample, const Eigen::VectorXd& rigid,
@@ -48,7 +49,8 @@ Eigen::Index first_column(const Regressor& regressor, int body);
 Eigen::MatrixXd carried_torque(const Regressor& regressor, std::span<const std::optional<CarriedBody>> carried,
                                const JointMotion& motion);
 
-/// Torques [Nm; N] of the motors, arm side, joints x samples. At rest friction is 0.
+/// Torques [Nm; N] of the motors, arm side, joints x samples. At rest friction is 0 but for its offset
+/// and torque by position.
 Eigen::MatrixXd predicted_torque(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                                  const RobotParameters& parameters, const JointMotion& motion, unsigned threads);
 

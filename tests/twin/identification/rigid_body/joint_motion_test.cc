@@ -140,5 +140,67 @@ TEST(JointMotion, RestsAreLeftOutAndNoiseIsNoMotion) {
   }
 }
 
+// A velocity of its own that is late: its delay is found within its sigmas whatever the noise of the encoder, removed
+// and said.
+TEST(JointMotion, RecordedVelocitiesThatAreLateAreMovedAndSaid) {
+  const Axis axis;
+  constexpr double delay_s = 0.0042;
+  int held = 0;
+  for (int k = 0; k < 40; ++k) {
+    const Sines motion(1, 5 + static_cast<unsigned>(k));
+    auto r = axis.recording(motion, {.step_m = 1e-4, .encoder_m = 2e-4}, static_cast<unsigned>(k));
+    std::mt19937_64 random(static_cast<unsigned>(k));
+    std::normal_distribution<double> normal;
+    r.velocity.resize(1, r.position.cols());
+    for (Index i = 0; i < r.position.cols(); ++i)
+      r.velocity(0, i) = motion(r.time_s[static_cast<std::size_t>(i)] - delay_s).v + 2e-3 * normal(random);
+    const auto moved = prepare({&r, 1}, axis.regressor(), {.cutoff_hz = 20, .recorded_velocity = true});
+    ASSERT_TRUE(moved) << moved.error().message;
+    ASSERT_EQ(moved->velocity_delay.size(), 1u);
+    const auto& found = moved->velocity_delay[0];
+    EXPECT_LT(found.sigma_s, 3e-4);
+    EXPECT_TRUE(found.removed);
+    EXPECT_THAT(moved->notes, testing::Contains(testing::HasSubstr("late against the slope of their positions: axis")));
+    held += std::abs(found.value_s - delay_s) < 1.96 * found.sigma_s;
+    double squares = 0;
+    for (Index i = 0; i < moved->size(); ++i)
+      squares += std::pow(moved->qd(0, i) - motion(moved->time_s[static_cast<std::size_t>(i)]).v, 2);
+    EXPECT_LT(std::sqrt(squares / static_cast<double>(moved->size())), 1.5e-3);  // the delay alone makes 4e-3
+  }
+  EXPECT_GE(held, 35);
+}
+
+TEST(JointMotion, RecordedVelocitiesOnTimeStay) {
+  const Axis axis;
+  const Sines motion(1, 5);
+  auto r = axis.recording(motion, {.step_m = 1e-4}, 7);
+  r.velocity.resize(1, r.position.cols());
+  for (Index i = 0; i < r.position.cols(); ++i) r.velocity(0, i) = motion(r.time_s[static_cast<std::size_t>(i)]).v;
+  const auto motion_of_it = prepare({&r, 1}, axis.regressor(), {.cutoff_hz = 20, .recorded_velocity = true});
+  ASSERT_TRUE(motion_of_it) << motion_of_it.error().message;
+  EXPECT_FALSE(motion_of_it->velocity_delay[0].removed);
+  EXPECT_THAT(motion_of_it->notes, testing::Not(testing::Contains(testing::HasSubstr("late against"))));
+}
+
+// At a recorded standstill friction is not known, but what does not depend on speed acts.
+TEST(RobotTorque, AtRestOffsetAndTorqueByPositionStay) {
+  const auto model = *mujoco::load_string(R"(<mujoco><worldbody><body>
+    <joint name="hinge" axis="0 0 1"/><geom size=".1" pos=".3 0 0" mass="3"/></body></worldbody></mujoco>)");
+  const Regressor regressor = *Regressor::create(model->get());
+  const BaseParameters base = base_parameters(regressor);
+  RobotFriction friction = *robot_friction(*model, regressor, coulomb_viscous());
+  friction[0].depend_on_position();
+  JointMotion motion;
+  motion.q = MatrixXd::Constant(1, 2, 0.4), motion.qd = MatrixXd{{0, 1e-9}};
+  motion.qdd = MatrixXd::Zero(1, 2), motion.direction = MatrixXd{{0, 0}};
+  motion.temperature_degC = MatrixXd::Constant(1, 2, 20);
+  const MatrixXd torque =
+      predicted_torque(regressor, base, friction,
+                       {.base = Eigen::VectorXd::Zero(base.size()), .friction = {{5, 2, 0.7, 3, -2}}}, motion, 1);
+  const double rest_nm = 0.7 + 3 * std::cos(0.4) - 2 * std::sin(0.4);
+  EXPECT_NEAR(torque(0, 0), rest_nm, 1e-12);
+  EXPECT_NEAR(torque(0, 1), rest_nm, 1e-6);  // as beside it, where the filtered direction is 0
+}
+
 }  // namespace
 }  // namespace tribotwin::twin::identification
