@@ -14,6 +14,7 @@
 #include <tribotwin/twin/numerics/direction.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
+#include <tribotwin/twin/numerics/parallel.hpp>
 #include <tribotwin/twin/numerics/triangular_factor.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/inertial_prior/inertial_prior.hpp>
@@ -538,15 +539,75 @@ class Identification {
       of_block.push_back(problem_.normal_matrix(pass_, b, weights_, order_));
     MatrixXd all = prior_normal();
     for (const MatrixXd& N : of_block) all += N;
-    MatrixXd changes = MatrixXd::Zero(problem_.unknowns(), static_cast<Index>(folds.size()));
+    std::vector<DynamicsProblem::Rows> rows;
+    if (options_.robust != Robust::none) rows = problem_.rows(now_);
+    std::vector<VectorXd> change(folds.size());
+    in_parallel(folds.size(), options_.threads, [&](std::size_t f) {
+      std::vector<bool> gone(blocks.size());
+      for (const auto* left_out : {&folds[f].held, &folds[f].alike})
+        for (const std::size_t b : *left_out) gone[b] = true;
+      if (rows.empty()) {
+        MatrixXd rest = all;
+        for (std::size_t b = 0; b < blocks.size(); ++b)
+          if (gone[b]) rest -= of_block[b];
+        change[f] = change_of(rest, all);
+      } else {
+        change[f] = robust_change(rows, gone, all);
+      }
+    });
+    MatrixXd changes = MatrixXd::Zero(problem_.unknowns(), std::ssize(folds));
     std::vector<std::size_t> fold_of(blocks.size());
     for (std::size_t f = 0; f < folds.size(); ++f) {
-      MatrixXd rest = all;
-      for (const std::size_t b : folds[f].held) rest -= of_block[b], fold_of[b] = f;
-      for (const std::size_t b : folds[f].alike) rest -= of_block[b];
-      changes(order_, static_cast<Index>(f)) = change_of(rest, all);
+      changes(order_, static_cast<Index>(f)) = change[f];
+      for (const std::size_t b : folds[f].held) fold_of[b] = f;
     }
     out_.held_out = problem_.predicted(now_, changes, fold_of);
+  }
+
+  /// The change of the free unknowns by the blocks that are not `gone`, begun without weights, as the fit of all is:
+  /// noise and outliers are those of these blocks alone. Weights by the fit of all samples would know of the others.
+  VectorXd robust_change(const std::vector<DynamicsProblem::Rows>& rows, const std::vector<bool>& gone,
+                         const MatrixXd& all) const {
+    constexpr int most_rounds = 8;
+    constexpr double at_rest = 0.1;  // of a sigma, all unknowns together
+    VectorXd change = VectorXd::Zero(problem_.unknowns());
+    for (int round = 0;; ++round) {
+      MatrixXd N = prior_normal();
+      for (Index j = 0; j < joints(); ++j)
+        add_weighted(j, rows[static_cast<std::size_t>(j)], gone, change, round > 0, N);
+      const VectorXd now = change_of(N, all), step = now - change(order_);
+      change(order_) = now;
+      const auto n = static_cast<Index>(order_.size());
+      if (round >= most_rounds || (round > 0 && step.dot(N.topLeftCorner(n, n) * step) < at_rest * at_rest)) return now;
+    }
+  }
+
+  /// Adds a joint's rows to the normal matrix, weighted by their residuals after `change` or, first, not.
+  void add_weighted(Index joint, const DynamicsProblem::Rows& rows, const std::vector<bool>& gone,
+                    const VectorXd& change, bool weighted, MatrixXd& N) const {
+    const auto& columns = problem_.columns(joint);
+    const auto width = static_cast<Index>(columns.size());
+    const VectorXd residual = rows.values.col(width) - rows.values.leftCols(width) * change(columns);
+    std::vector<double> counted;
+    std::vector<Index> kept;
+    for (Index i = 0; i < residual.size(); ++i)
+      if (!gone[rows.block[static_cast<std::size_t>(i)]]) counted.push_back(residual(i)), kept.push_back(i);
+    if (kept.empty()) return;
+    const double noise = noise_of(counted, 0, options_.robust);
+    MatrixXd weighed = rows.values(kept, Eigen::all);
+    for (std::size_t k = 0; weighted && noise > 0 && k < kept.size(); ++k)
+      weighed.row(static_cast<Index>(k)) *= robust_weight(options_.robust, counted[k] / noise);
+    const double of_joint =
+        weighted && options_.weigh && noise > 0 ? 1 / (noise * std::sqrt(correlation_(joint))) : weights_(joint);
+    MatrixXd own = MatrixXd::Zero(width + 1, width + 1);
+    own.selfadjointView<Eigen::Lower>().rankUpdate(weighed.transpose(), of_joint * of_joint);
+    own.triangularView<Eigen::StrictlyUpper>() = own.transpose();
+    std::vector<Index> from, to;
+    for (Index c = 0; c < width; ++c)
+      if (const auto at = std::ranges::find(order_, columns[static_cast<std::size_t>(c)]); at != order_.end())
+        from.push_back(c), to.push_back(at - order_.begin());
+    from.push_back(width), to.push_back(N.cols() - 1);
+    N(to, to) += own(from, from);
   }
 
   /// Makes the lags unknown, to first order about 0.

@@ -135,6 +135,11 @@ class DynamicsProblem::Accumulator {
       if (acts(r, i))
         value_(r) = friction_of(regressor_, problem_.friction_, parameters_, motion, r, i, rigid_, by_.col(r).data());
   }
+  /// Row of a joint in the evaluated sample, [columns(j), residual].
+  template <typename Row>
+  void write_row_of(Index i, Index j, Row&& row) const {
+    write_row(i, j, 1, residual_of(j, i), row);
+  }
   /// Row of a joint in the evaluated sample, [columns, residual] with columns at their `place` (-1: none), else 0.
   void row_of(Index i, Index j, const std::vector<Index>& place, VectorXd& row) const {
     VectorXd own(static_cast<Index>(problem_.columns_[static_cast<std::size_t>(j)].size()) + 1);
@@ -212,6 +217,31 @@ DynamicsProblem::Pass DynamicsProblem::pass(const RobotParameters& parameters, c
     for (const auto& block : partial) all.add(block[j]);
     out.R.push_back(all.R());
   }
+  return out;
+}
+
+std::vector<DynamicsProblem::Rows> DynamicsProblem::rows(const RobotParameters& parameters) const {
+  std::vector<Rows> out(columns_.size());
+  Eigen::Matrix<Index, Eigen::Dynamic, Eigen::Dynamic> first(joints(), std::ssize(blocks_));  // row of each block
+  for (Index j = 0; j < joints(); ++j) {
+    Rows& own = out[static_cast<std::size_t>(j)];
+    for (std::size_t b = 0; b < blocks_.size(); ++b) {
+      first(j, static_cast<Index>(b)) = std::ssize(own.block);
+      const Index count = motion_.moving.row(j).segment(blocks_[b].first, blocks_[b].second - blocks_[b].first).count();
+      own.block.insert(own.block.end(), static_cast<std::size_t>(count), b);
+    }
+    own.values.resize(std::ssize(own.block), std::ssize(columns(j)) + 1);
+  }
+  in_parallel(blocks_.size(), threads_, [&](std::size_t b) {
+    Accumulator accumulator(*this, parameters, nullptr);
+    auto at = first.col(static_cast<Index>(b));
+    for (Index i = blocks_[b].first; i < blocks_[b].second; ++i) {
+      if (!motion_.moving.col(i).any()) continue;
+      accumulator.evaluate(i);
+      for (Index j = 0; j < joints(); ++j)
+        if (motion_.moving(j, i)) accumulator.write_row_of(i, j, out[static_cast<std::size_t>(j)].values.row(at(j)++));
+    }
+  });
   return out;
 }
 

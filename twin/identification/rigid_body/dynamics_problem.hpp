@@ -62,6 +62,18 @@ class DynamicsProblem {
   Eigen::MatrixXd predicted(const RobotParameters& parameters, const Eigen::MatrixXd& changes,
                             const std::vector<std::size_t>& set) const;
 
+  /// The rows of every joint [columns(joint), residual] at `parameters`, and the block of each: to be weighted in more
+  /// than one way. Linear in the samples in memory.
+  struct Rows {
+    Eigen::MatrixXd values;
+    std::vector<std::size_t> block;
+  };
+  std::vector<Rows> rows(const RobotParameters& parameters) const;
+  /// The unknowns that act on a joint, in the order of the columns of its rows.
+  const std::vector<Eigen::Index>& columns(Eigen::Index joint) const {
+    return columns_[static_cast<std::size_t>(joint)];
+  }
+
   /// R of [all free unknowns, residual], each joint with its weight; `order` receives the unknown of each column.
   Eigen::MatrixXd combined(const Pass& pass, const Eigen::VectorXd& joint_weight,
                            std::vector<Eigen::Index>& order) const;
