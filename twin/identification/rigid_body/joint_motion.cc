@@ -186,11 +186,11 @@ std::vector<double> advanced(const std::vector<double>& signal, double samples) 
   return out;
 }
 
-/// A joint's speed in a stretch, both filtered alike: the slope of its positions, and as recorded.
+/// A joint's positions and speed in a stretch, all filtered alike: the slope of its positions, and as recorded.
 struct Speeds {
-  std::vector<double> slope, recorded;
-  double rate_hz;
-  Index edge;  ///< samples at either end in which the filter rings
+  std::vector<double> q, slope, recorded;
+  double rate_hz, noise;  ///< noise: standard deviation of that of `recorded`
+  Index edge;             ///< samples at either end in which the filter rings
 };
 
 /// A filtered velocity that much earlier; at the end, where that is not recorded, the slope of the positions.
@@ -236,53 +236,63 @@ std::pair<double, double> delay_of(const std::vector<Speeds>& stretches) {
   }
 }
 
-/// Adds the delays of a recording's velocities and says which are removed.
-Result<void> add_delays(const RobotRecording& rec, std::size_t file, const Regressor& r, const Sampling& sampling,
-                        const Preparation& preparation, JointMotion& out) {
+/// Per joint, of its long stretches; empty where speeds are slopes.
+using RecordedSpeeds = std::vector<std::vector<Speeds>>;
+
+/// Adds the delays of a recording's velocities, removes those that are significant and says which.
+Result<RecordedSpeeds> speeds_on_time(const RobotRecording& rec, std::size_t file, const Regressor& r,
+                                      const Sampling& sampling, const Preparation& preparation, JointMotion& out) {
   constexpr double enough_sigmas = 3, least_samples = 0.2;
   std::string text;
+  RecordedSpeeds all;
   for (Index j = 0; j < r.joints(); ++j) {
-    std::vector<Speeds> stretches;
+    auto& stretches = all.emplace_back();
     for (const Stretch& s : sampling.stretches) {
       if (!is_long_enough(rec, s)) continue;
       const auto f = filtering_of(rec, s, sampling, preparation);
       if (!f) return tl::unexpected(f.error());
-      const auto filtered = [&](const MatrixXd& values) {
-        return low_passed(equidistant(rec, values, j, s, f->period_s, sampling.regular()), f->rate_hz, f->cutoff_hz);
+      const auto at = [&](const MatrixXd& values) {
+        return equidistant(rec, values, j, s, f->period_s, sampling.regular());
       };
-      stretches.push_back({slope_of(filtered(rec.position), f->rate_hz), filtered(rec.velocity), f->rate_hz, f->edge});
+      const std::vector<double> raw = at(rec.velocity);
+      const double passed = 2 * f->cutoff_hz / f->rate_hz;  // of the band
+      Speeds x{.q = low_passed(at(rec.position), f->rate_hz, f->cutoff_hz),
+               .slope = {},
+               .recorded = low_passed(raw, f->rate_hz, f->cutoff_hz),
+               .rate_hz = f->rate_hz,
+               .noise = 0,
+               .edge = f->edge};
+      x.slope = slope_of(x.q, f->rate_hz), x.noise = noise_of(raw, x.recorded, passed) * std::sqrt(passed);
+      stretches.push_back(std::move(x));
     }
     const auto [value_s, sigma_s] = delay_of(stretches);
     const bool removed =
         std::abs(value_s) > enough_sigmas * sigma_s && std::abs(value_s) > least_samples * sampling.typical_s;
     out.velocity_delay.push_back({file, j, value_s, sigma_s, removed});
-    if (removed)
-      text += fmt::format("{}{} {:.2g} +- {:.1g} ms", text.empty() ? "" : ", ", r.joint_name(j), 1e3 * value_s,
-                          1e3 * sigma_s);
+    if (!removed) continue;
+    for (Speeds& x : stretches) x.recorded = on_time(x, value_s);
+    text += fmt::format("{}{} {:.2g} +- {:.1g} ms", text.empty() ? "" : ", ", r.joint_name(j), 1e3 * value_s,
+                        1e3 * sigma_s);
   }
   if (!text.empty())
-    out.notes.push_back(
-        fmt::format("{}: recorded velocities are late against the slope of their positions: {}; "
-                    "moved by that",
-                    rec.file.string(), text));
-  return {};
+    out.notes.push_back(fmt::format(
+        "{}: recorded velocities are late against the slope of their positions (negative: early): {}; moved by that",
+        rec.file.string(), text));
+  return all;
 }
 
+/// `recorded`: null where speeds are slopes.
 JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, const Filtering& f, bool regular,
-                        bool thermal, double velocity_delay_s, const Preparation& preparation) {
-  const bool recorded_velocity = preparation.recorded_velocity && rec.velocity.size() > 0;
+                        bool thermal, const Speeds* recorded, const Preparation& preparation) {
   const auto at = [&](const MatrixXd& values) { return equidistant(rec, values, j, s, f.period_s, regular); };
   const auto filtered = [&](const std::vector<double>& raw) { return low_passed(raw, f.rate_hz, f.cutoff_hz); };
-  const double passed = 2 * f.cutoff_hz / f.rate_hz;  // of the band
-  const std::vector<double> raw = at(recorded_velocity ? rec.velocity : rec.position);
-  JointSamples out{.q = filtered(at(rec.position)), .speed = {}, .torque = filtered(at(rec.torque)), .temperature = {}};
-  if (recorded_velocity) {
-    out.speed = filtered(raw);
-    out.speed_noise = noise_of(raw, out.speed, passed) * std::sqrt(passed);
-    if (velocity_delay_s != 0)
-      out.speed = on_time({slope_of(out.q, f.rate_hz), out.speed, f.rate_hz, f.edge}, velocity_delay_s);
+  JointSamples out{.q = {}, .speed = {}, .torque = filtered(at(rec.torque)), .temperature = {}, .speed_noise = 0};
+  if (recorded) {
+    out.q = recorded->q, out.speed = recorded->recorded, out.speed_noise = recorded->noise;
   } else {
-    out.speed = slope_of(out.q, f.rate_hz);
+    const std::vector<double> raw = at(rec.position);
+    const double passed = 2 * f.cutoff_hz / f.rate_hz;  // of the band
+    out.q = filtered(raw), out.speed = slope_of(out.q, f.rate_hz);
     const double w = 2 * std::numbers::pi * f.cutoff_hz;
     out.speed_noise = noise_of(raw, out.q, passed) * w * std::sqrt(passed / 3);
   }
@@ -294,18 +304,15 @@ JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, co
 
 /// Without samples where the stretch is shorter than its edges.
 Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, const Filtering& f, bool regular,
-             std::span<const JointMotion::VelocityDelay> delays, bool thermal, const Preparation& preparation) {
-  const bool recorded_velocity = preparation.recorded_velocity && rec.velocity.size() > 0;
-  const auto delay_s = [&](Index joint) {
-    const auto found =
-        std::ranges::find_if(delays, [&](const auto& d) { return d.file == file && d.joint == joint && d.removed; });
-    return found == delays.end() ? 0 : found->value_s;
+             const RecordedSpeeds& recorded, std::size_t stretch, bool thermal, const Preparation& preparation) {
+  const auto recorded_of = [&](Index joint) {
+    return recorded.empty() ? nullptr : &recorded[static_cast<std::size_t>(joint)][stretch];
   };
   const Index n = rec.position.rows();
   Part part{.file = file, .filtering = f};
   Index count = 0;
   for (Index j = 0; j < n; ++j) {
-    JointSamples x = samples_of(rec, j, s, f, regular, thermal, delay_s(j), preparation);
+    JointSamples x = samples_of(rec, j, s, f, regular, thermal, recorded_of(j), preparation);
     if (j == 0) {
       count = (static_cast<Index>(x.q.size()) - 2 * f.edge + f.every - 1) / f.every;
       if (count < 1) return part;
@@ -317,7 +324,7 @@ Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, cons
       const auto i = static_cast<std::size_t>(f.edge + k * f.every);
       part.q(j, k) = x.q[i];
       part.qd(j, k) = x.speed[i];
-      part.qdd(j, k) = recorded_velocity ? (x.speed[i + 1] - x.speed[i - 1]) * f.rate_hz / 2
+      part.qdd(j, k) = !recorded.empty() ? (x.speed[i + 1] - x.speed[i - 1]) * f.rate_hz / 2
                                          : (x.q[i + 1] - 2 * x.q[i] + x.q[i - 1]) * f.rate_hz * f.rate_hz;
       part.torque(j, k) = x.torque[i];
       part.temperature(j, k) = x.temperature[i];
@@ -333,21 +340,24 @@ Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Regres
                        JointMotion& out, std::vector<Part>& parts) {
   out.notes.insert(out.notes.end(), rec.notes.begin(), rec.notes.end());
   const Sampling sampling = sampling_of(rec, preparation, out.notes);
-  if (preparation.recorded_velocity && rec.velocity.size() > 0)
-    if (auto ok = add_delays(rec, file, r, sampling, preparation, out); !ok) return ok;
-  bool used = false;
+  RecordedSpeeds recorded;
+  if (preparation.recorded_velocity && rec.velocity.size() > 0) {
+    auto speeds = speeds_on_time(rec, file, r, sampling, preparation, out);
+    if (!speeds) return tl::unexpected(speeds.error());
+    recorded = *std::move(speeds);
+  }
+  std::size_t used = 0;
   for (const Stretch& s : sampling.stretches) {
     if (!is_long_enough(rec, s)) continue;
-    used = true;
     const auto filtering = filtering_of(rec, s, sampling, preparation);
     if (!filtering) return tl::unexpected(filtering.error());
     if (out.period_s == 0)
       out.period_s = filtering->period_s * static_cast<double>(filtering->every), out.cutoff_hz = filtering->cutoff_hz;
     Part part =
-        part_of(rec, file, s, *filtering, sampling.regular(), out.velocity_delay, out.has_temperature, preparation);
+        part_of(rec, file, s, *filtering, sampling.regular(), recorded, used++, out.has_temperature, preparation);
     if (part.q.cols() >= 1) parts.push_back(std::move(part));
   }
-  if (used) return {};
+  if (used > 0) return {};
   return tl::unexpected(
       Error(fmt::format("{}: no stretch of a second with regular time_s (typical step {:.4g} s, {} gaps)",
                         rec.file.string(), sampling.typical_s, sampling.gaps)));

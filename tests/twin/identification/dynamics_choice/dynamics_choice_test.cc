@@ -209,6 +209,30 @@ TEST(Choice, FindsAMotorThatTurnsWithTwoJoints) {
   EXPECT_THAT(arm.choice(training, none).setting.motors, testing::IsEmpty());
 }
 
+// Of a robust fit too: who says which samples are outliers has not seen those that are predicted.
+TEST(HeldOut, IsPredictedByTheOtherFilesAlone) {
+  Arm arm;
+  auto training = arm.recordings({.outliers = 0.05}, 80);
+  const Setting s{.robust = Robust::tukey};
+  const auto predicted = [&] {
+    const auto motion = prepare(training, arm.regressor(), s.signals);
+    const auto friction = friction_of(arm.model(), arm.regressor(), s, {}, *motion);
+    const auto fit =
+        fit_dynamics(arm.regressor(), arm.base(), *friction, *motion, {.robust = s.robust, .folds = 3, .threads = 1});
+    EXPECT_TRUE(fit) << fit.error().message;
+    const auto [first, last] = motion->segments[2];
+    return MatrixXd(fit->held_out.middleCols(first, last - first));
+  };
+  const MatrixXd before = predicted();
+  training[2].torque = 1.3 * training[2].torque.array() + 8;
+  const MatrixXd difference = predicted() - before;
+  double squares = 0, count = 0;
+  for (const double x : difference.reshaped())
+    if (!std::isnan(x)) squares += x * x, ++count;
+  ASSERT_GT(count, 500);
+  EXPECT_LT(std::sqrt(squares / count), 0.03);  // Nm: steps end at a tenth of a sigma; of weights by all files 0.35
+}
+
 // As of cables or a sensor that turns with the joint: found in its joint alone, and kept by the file.
 TEST(Choice, FindsATorqueByPosition) {
   Arm arm;

@@ -160,7 +160,9 @@ TEST(JointMotion, RecordedVelocitiesThatAreLateAreMovedAndSaid) {
     const auto& found = moved->velocity_delay[0];
     EXPECT_LT(found.sigma_s, 3e-4);
     EXPECT_TRUE(found.removed);
-    EXPECT_THAT(moved->notes, testing::Contains(testing::HasSubstr("late against the slope of their positions: axis")));
+    EXPECT_THAT(
+        moved->notes,
+        testing::Contains(testing::HasSubstr("late against the slope of their positions (negative: early): axis ")));
     held += std::abs(found.value_s - delay_s) < 1.96 * found.sigma_s;
     double squares = 0;
     for (Index i = 0; i < moved->size(); ++i)
