@@ -51,6 +51,18 @@ std::string level_text(const HealthyLevel& level) {
                       : "the healthy curves of the other robots, as this one has fewer than 3";
 }
 
+std::string plant_caption(const FleetData& data, std::size_t shown, std::size_t all) {
+  std::string caption = fmt::format(
+      "Mean over the {:g} days against the joint's healthy curves at the same temperature. Framed: listed. Grey: no "
+      "curve "
+      "in these days, or no healthy state.",
+      data.options.survey.days);
+  if (all > shown)
+    caption += fmt::format(
+        " {} of {} robots: those with listed joints first, then those whose friction has changed most.", shown, all);
+  return caption;
+}
+
 }  // namespace
 
 std::optional<Drawing> level_over_days(const Detail& d, std::int64_t end_s) {
@@ -176,16 +188,7 @@ std::optional<Drawing> plant_map(const FleetData& data) {
            .y = {.quantity = "robot", .unit = ""},
            .colour = Axis{.quantity = "change of Fc", .unit = "%", .from = -limit, .to = limit}};
   f.heat_map = std::move(map);
-  std::string caption = fmt::format(
-      "Mean over the {:g} days against the joint's healthy curves at the same temperature. Framed: listed. Grey: no "
-      "curve "
-      "in these days, or no healthy state.",
-      data.options.survey.days);
-  if (all > order.size())
-    caption +=
-        fmt::format(" {} of {} robots: those with listed joints first, then those whose friction has changed most.",
-                    order.size(), all);
-  return Drawing{std::move(f), std::move(caption)};
+  return Drawing{std::move(f), plant_caption(data, order.size(), all)};
 }
 
 }  // namespace tribotwin::render
