@@ -1,13 +1,14 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <thread>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/diagnosis/fleet/survey.hpp>
+#include <tribotwin/twin/numerics/executor/mpi.hpp>
+#include <tribotwin/twin/numerics/executor/ranks.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -20,7 +21,7 @@ struct Arguments {
   std::string store, date;
   ImportOptions import;
   SurveyOptions survey;
-  unsigned threads = std::max(1u, std::thread::hardware_concurrency());
+  unsigned threads = 0;
   bool json = false, quiet = false;
 };
 
@@ -30,7 +31,7 @@ Json json_of(const Imported& i) {
 }
 
 /// All of DATA; what it brought is said on stderr.
-Imported imported(Store& store, const Arguments& a) {
+Imported imported(Store* store, const Arguments& a) {
   Imported sum;
   for (const auto& data : a.data) {
     const Imported one = import_curves(store, data, a.import);
@@ -49,12 +50,19 @@ Imported imported(Store& store, const Arguments& a) {
   return sum;
 }
 
+/// On the first of several ranks; none on the others.
+std::unique_ptr<Store> opened(const Arguments& a) {
+  return ranks().root() ? std::make_unique<Store>(a.store) : nullptr;
+}
+
 Result<Exit> learn(const Arguments& a) {
-  Store store(a.store);
-  const Imported data = imported(store, a);
+  if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
+  const auto store = opened(a);
+  const Imported data = imported(store.get(), a);
+  if (!store) return done;
   std::vector<std::string> notes;
-  const auto models = learn_fleet(store, notes);
-  store.commit();
+  const auto models = learn_fleet(*store, notes);
+  store->commit();
   Json j{{"files", {a.store}}, {"imported", json_of(data)}, {"models", Json::array()}, {"notes", notes}};
   TextTable table({TextTable::left("type"), TextTable::left("joint"), TextTable::right("robots"),
                    TextTable::right("curves"), TextTable::left("degC"), TextTable::right("between robots, Fc %"),
@@ -148,10 +156,12 @@ TextTable table_of(const Survey& s, bool check) {
 }
 
 Result<Exit> survey(const Arguments& a, bool check) {
-  Store store(a.store);
-  const Imported data = imported(store, a);
-  const Survey s = check ? check_fleet(store, a.survey) : watch_fleet(store, a.survey);
-  store.commit();
+  if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
+  const auto store = opened(a);
+  const Imported data = imported(store.get(), a);
+  const Survey s = check ? check_fleet(store.get(), a.survey) : watch_fleet(store.get(), a.survey);
+  if (!store) return done;
+  store->commit();
   const std::string sentence = sentence_of(s, a.survey, check);
   Json j{{"sentence", sentence},
          {"date", date_of(s.time_s)},
@@ -189,7 +199,8 @@ void add_common(CLI::App& c, Arguments& a) {
                "Relative rise of Fc and Fs per load_norm; the same for all imports of a store")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
-  c.add_option("--threads", a.threads, "Curves and joints computed at once; the results are the same")
+  c.add_option("--threads", a.threads,
+               "Curves and joints computed at once (default: one per core; under mpirun, per rank: 1)")
       ->check(CLI::Range(1u, 1024u));
   c.add_flag("--json", a.json, "Print JSON instead of the table");
   c.add_flag("--quiet", a.quiet, "No notes on stderr");

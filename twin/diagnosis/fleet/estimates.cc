@@ -13,10 +13,17 @@ constexpr std::array persistences{0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95,
 constexpr std::array<std::size_t, 10> lags{1, 2, 3, 4, 6, 8, 12, 16, 24, 32};            ///< of pairs, in observations
 constexpr double collinear = 0.998;   ///< two causes of scatter that agree so well over all pairs cannot be separated
 constexpr double floor_share = 1e-3;  ///< minimum of the measurement's share in the scatter
-constexpr std::size_t between_robots = 2000;  ///< at most so many take part in the slow estimates
 constexpr int between_rounds = 200;
-constexpr std::size_t window_days = 10;        ///< for which the uncertainty of phi is computed
+constexpr double worth_splitting = 0.02;  ///< probability of a phi from which on several lambda are tried
+constexpr double lambda_variance_small = 0.05, lambda_step_maximum = 1.5;  ///< of ln lambda
+constexpr double improbable = 1e-3;            ///< probability below which a phi is left out
 constexpr std::size_t likelihood_rows = 6000;  ///< at most so many take part in the likelihood of the scatter
+
+constexpr int scale_choices = 40;              ///< of k
+constexpr double inverse_freedom_step = 0.01;  ///< between their inverses
+
+/// 1 / k is uniform beforehand: tails grow in proportion to it.
+double scale_freedom_of(int i) { return i == 0 ? 1e4 : 1 / (inverse_freedom_step * i); }
 
 /// T and T^2 in temperature_unit_K.
 Eigen::Vector2d powers(const Row& row) {
@@ -194,29 +201,17 @@ double most_likely_scatter(TypeModel& type, std::size_t region, const std::vecto
   return total;
 }
 
-/// Covariance of the mean of `window_days` daily observations, of y.
-MatrixXd window_covariance(const RegionModel& m) {
-  std::vector<double> days, scatter(window_days, 1.0);
-  for (std::size_t i = 0; i < window_days; ++i) days.push_back(static_cast<double>(i));
-  const MatrixXd ones = MatrixXd::Ones(static_cast<Index>(window_days), 1);
-  VectorXd variance(m.features());
-  for (Index k = 0; k < m.features(); ++k) variance(k) = 1 / whiten(m, k, days, scatter, ones).squaredNorm();
-  const MatrixXd back = inverse(m.decouple);
-  return back * variance.asDiagonal() * back.transpose();
-}
-
-/// Variance of the logarithm of a window's variance, as phi is known by its likelihood only.
-double variance_by_persistence(const std::vector<RegionModel>& models, const std::vector<double>& likelihoods,
-                               const RegionModel& best) {
-  const MatrixXd weight = symmetric_inverse(window_covariance(best));
-  const double highest = std::ranges::max(likelihoods), p = static_cast<double>(best.features());
-  double sum = 0, squares = 0;
-  for (std::size_t k = 0; k < models.size(); ++k) {
-    const double probability = std::exp(likelihoods[k] - highest);
-    const double log_ratio = std::log((weight * window_covariance(models[k])).trace() / p);
-    sum += probability, squares += probability * log_ratio * log_ratio;  // about the best one, which is used
-  }
-  return squares / sum;
+/// Where the curves leave open how much of the scatter is of days, three models by the quadrature of Gauss and Hermite.
+void split_lambda(std::size_t which, std::vector<RegionModel>& models) {
+  RegionModel& m = models[which];
+  if (m.probability < worth_splitting || m.lambda_variance.maxCoeff() < lambda_variance_small) return;
+  const VectorXd step = (3 * m.lambda_variance).cwiseSqrt().cwiseMin(lambda_step_maximum);
+  m.lambda_variance.setZero();
+  RegionModel less = m, more = m;
+  less.lambda.array() *= (-step).array().exp(), more.lambda.array() *= step.array().exp();
+  less.probability = more.probability = m.probability / 6;
+  m.probability *= 2.0 / 3;
+  models.push_back(std::move(less)), models.push_back(std::move(more));
 }
 
 double digamma(double x) {
@@ -225,20 +220,13 @@ double digamma(double x) {
   const double r = 1 / (x * x);
   return sum + std::log(x) - 0.5 / x - r * (1.0 / 12 - r * (1.0 / 120 - r / 252));
 }
-double trigamma(double x) {
-  double sum = 0;
-  for (; x < 8; ++x) sum += 1 / (x * x);
-  const double r = 1 / (x * x);
-  return sum + 1 / x + r / 2 + r / x * (1.0 / 6 - r * (1.0 / 30 - r / 42));
-}
-/// x with trigamma(x) = y > 0, by bisection: trigamma falls.
-double trigamma_inverse(double y) {
-  double low = 1e-3, high = 1e7;
-  for (int i = 0; i < 100; ++i) {
-    const double middle = std::sqrt(low * high);
-    (trigamma(middle) > y ? low : high) = middle;
-  }
-  return high;
+
+/// Log-likelihood of the robots' sums of squares, squares / (d s) ~ F(d, k); terms without k and s are left out.
+double scale_likelihood(const std::vector<const RobotSums*>& robots, double k, double s) {
+  double sum = static_cast<double>(robots.size()) * (k / 2 * std::log(k * s) - std::lgamma(k / 2));
+  for (const auto* r : robots)
+    sum += std::lgamma((r->freedom + k) / 2) - (r->freedom + k) / 2 * std::log(k * s + r->squares);
+  return sum;
 }
 
 /// One round of the EM algorithm's sums.
@@ -284,7 +272,8 @@ WithinRobots within_robots(const EachRobot& each, bool temperature) {
   return out;
 }
 
-void learn_noise(const EachRobot& each, const WithinRobots& within, std::size_t region, TypeModel& type) {
+std::vector<RegionModel> learn_noise(const EachRobot& each, const WithinRobots& within, std::size_t region,
+                                     TypeModel& type) {
   RegionModel& model = type.region[region];
   Variogram variogram(within, region, model);
   std::vector<Rows> sample;
@@ -294,15 +283,20 @@ void learn_noise(const EachRobot& each, const WithinRobots& within, std::size_t 
     if (rows_in_sample < likelihood_rows && rows.size() > 2) sample.push_back(rows), rows_in_sample += rows.size();
   });
   std::vector<RegionModel> models;
-  std::vector<double> likelihoods;
   for (std::size_t k = 0; k < persistences.size(); ++k) {
     variogram.finish(k, model);
-    likelihoods.push_back(most_likely_scatter(type, region, sample));
+    model.probability = most_likely_scatter(type, region, sample);
     models.push_back(model);
   }
-  const auto best = std::ranges::max_element(likelihoods) - likelihoods.begin();
-  model = models[static_cast<std::size_t>(best)];
-  model.persistence_variance = variance_by_persistence(models, likelihoods, model);
+  std::ranges::stable_sort(models, std::greater{}, &RegionModel::probability);
+  const double highest = models.front().probability;
+  double sum = 0;
+  for (auto& m : models) sum += m.probability = std::exp(m.probability - highest);
+  for (auto& m : models) m.probability /= sum;
+  std::erase_if(models, [](const RegionModel& m) { return m.probability < improbable; });
+  const std::size_t count = models.size();
+  for (std::size_t k = 0; k < count; ++k) split_lambda(k, models);
+  return models;
 }
 
 RobotSums robot_sums(const TypeModel& type, std::size_t region, const Rows& rows) {
@@ -346,9 +340,8 @@ void decouple_residuals(const std::vector<RobotSums>& robots, RegionModel& out) 
 }
 
 void learn_between(const std::vector<RobotSums>& all, RegionModel& out) {
-  const std::size_t step = 1 + all.size() / between_robots;
   std::vector<const RobotSums*> robots;
-  for (std::size_t i = 0; i < all.size(); i += step) robots.push_back(&all[i]);
+  for (const auto& r : all) robots.push_back(&r);
   const Index n = all.front().moment.size();
   out.between_freedom = static_cast<double>(robots.size()) - 1;
   out.between = 1e4 * MatrixXd::Identity(n, n);
@@ -380,23 +373,27 @@ void learn_between(const std::vector<RobotSums>& all, RegionModel& out) {
   if (!borrows) out.between_freedom = 1e6, out.mean_error.setZero();  // unknown beforehand, not estimated
 }
 
-void learn_scale(const std::vector<RobotSums>& robots, RegionModel& out) {
-  double sum = 0, squares = 0, noise = 0, count = 0;
-  for (const auto& r : robots) {
+void learn_scale(const std::vector<RobotSums>& all, RegionModel& out) {
+  std::vector<const RobotSums*> robots;
+  double mean = 0;
+  for (const auto& r : all) {
     if (!(r.freedom >= 2) || !(r.squares > 0)) continue;
-    const double e = std::log(r.squares / r.freedom) - digamma(r.freedom / 2) + std::log(r.freedom / 2);
-    sum += e, squares += e * e, noise += trigamma(r.freedom / 2), ++count;
+    robots.push_back(&r);
+    mean += std::log(r.squares / r.freedom) - digamma(r.freedom / 2) + std::log(r.freedom / 2);
   }
-  if (count < 1) return;
-  const double mean = sum / count;
-  const double variance = count > 1 ? (squares - count * mean * mean) / (count - 1) - noise / count : 0;
-  if (variance <= 1e-6) {
-    out.scale = std::exp(mean), out.scale_freedom = 1e6;
-    return;
+  if (robots.empty()) return;
+  mean /= static_cast<double>(robots.size());
+  const auto scale_of = [&](double k) { return std::exp(mean + digamma(k / 2) - std::log(k / 2)); };
+  std::array<double, scale_choices> likelihood{};
+  for (int i = 0; i < scale_choices; ++i)
+    likelihood[i] = scale_likelihood(robots, scale_freedom_of(i), scale_of(scale_freedom_of(i)));
+  const double highest = std::ranges::max(likelihood);
+  double sum = 0, inverse = 0;
+  for (int i = 0; i < scale_choices; ++i) {
+    const double probability = std::exp(likelihood[i] - highest);
+    sum += probability, inverse += probability / scale_freedom_of(i);
   }
-  const double half = trigamma_inverse(variance);
-  out.scale_freedom = std::min(2 * half, 1e6);
-  out.scale = std::exp(mean + digamma(half) - std::log(half));
+  out.scale_freedom = sum / inverse, out.scale = scale_of(out.scale_freedom);
 }
 
 }  // namespace tribotwin::twin::diagnosis::fleet

@@ -15,9 +15,11 @@ struct WithinRobots {
 };
 WithinRobots within_robots(const EachRobot& each, bool temperature);
 
-/// S_n, S_d and phi of a region: directions by the variogram, variances and phi by restricted maximum likelihood. Sets
-/// decouple, lambda and persistence; scatter, curvature and temperatures are those of `type` so far.
-void learn_noise(const EachRobot& each, const WithinRobots& within, std::size_t region, TypeModel& type);
+/// S_n, S_d and phi of a region: directions by the variogram, variances by restricted maximum likelihood, and the
+/// probability of every phi by its likelihood. Models with decouple, lambda, persistence and probability, the most
+/// probable first, without those that are improbable; scatter, curvature and temperatures are those of `type` so far.
+std::vector<RegionModel> learn_noise(const EachRobot& each, const WithinRobots& within, std::size_t region,
+                                     TypeModel& type);
 
 /// Sums of one joint in the coordinates z: information X'R^-1 X and X'R^-1 z of every component, one after the other.
 struct RobotSums {

@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <numeric>
 
 #include <tribotwin/twin/diagnosis/fleet/estimates.hpp>
 #include <tribotwin/twin/diagnosis/fleet/judge.hpp>
@@ -16,49 +18,97 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 constexpr double score_maximum = 8;     ///< normal scores are limited to this
 constexpr double unknown_below = 1e-3;  ///< probability of the misfit that the best pattern leaves
 constexpr double prior_healthy = 0.9;   ///< cancels: only the causes are compared
+constexpr double not_healthy = 0.1;     ///< share of joints that is allowed for where persistences are compared
+constexpr double others_variance = 25;  ///< of the shifts of those, relative to a healthy joint's
 
-/// The joint's filter after its healthy rows.
-JointFilter filter_of(const TypeModel& type, std::size_t region, const Rows& healthy) {
-  JointFilter filter(type, region, robot_scale(type, region, healthy));
-  for (const Row& row : healthy) filter.take(row);
-  return filter;
+/// Student's distribution of several numbers, at a T^2.
+double log_student(double p, double freedom, double log_variance, double statistic) {
+  return std::lgamma((freedom + p) / 2) - std::lgamma(freedom / 2) - p / 2 * std::log(freedom * std::numbers::pi) -
+         log_variance / 2 - (freedom + p) / 2 * std::log1p(statistic / freedom);
 }
 
-/// Roughly, what the variance of a window's mean consists of.
-Shares shares_of(const TypeModel& type, std::size_t region, const JointBaseline& shift, const Rows& recent) {
-  const RegionModel& m = type.region[region];
-  const MatrixXd ones = MatrixXd::Ones(static_cast<Index>(recent.size()), 1);
-  std::vector<double> days, scatter;
-  double information = 0;
-  for (const Row& row : recent) {
-    days.push_back(row.day), scatter.push_back(type.scatter(row, region));
-    information += 1 / scatter.back();
-  }
-  Shares out{.day = VectorXd(m.features()), .window = true};
-  const auto p = static_cast<double>(m.features());
-  for (Index k = 0; k < m.features(); ++k) {
-    const double total = shift.covariance(k, k), noise = shift.scale / information,
-                 with_day = shift.scale / whiten(m, k, days, scatter, ones).squaredNorm();
-    out.day(k) = std::clamp((with_day - noise) / total, 0.0, 1.0);
-    out.between += std::clamp((total - with_day) / total, 0.0, 1.0) / p;
+}  // namespace
+
+PersistenceWeights::PersistenceWeights(const TypeModel& type) {
+  for (std::size_t r = 0; r < regions.size(); ++r)
+    for (std::size_t k = 0; k < type.choices(r); ++k) log_[r].push_back(std::log(type.choice(r, k).probability));
+}
+
+void PersistenceWeights::add(const Evidence& joint) {
+  for (std::size_t r = 0; r < regions.size(); ++r)
+    for (std::size_t k = 0; k < log_[r].size(); ++k) {
+      const double healthy = joint.healthy[r][k], other = joint.other[r];
+      const double larger = std::max(healthy, other);
+      log_[r][k] +=
+          larger + std::log((1 - not_healthy) * std::exp(healthy - larger) + not_healthy * std::exp(other - larger));
+    }
+}
+
+ByChoice PersistenceWeights::weights() const {
+  ByChoice out = log_;
+  for (auto& w : out) {
+    const double highest = std::ranges::max(w);
+    double sum = 0;
+    for (double& x : w) sum += x = std::exp(x - highest);
+    for (double& x : w) x /= sum;
   }
   return out;
 }
 
-/// The joint's own healthy state in the form in which one joint's patterns are found.
-HealthyState state_of(const TypeModel& type, const Rows& healthy, const Shift& shift, double load_sensitivity) {
+double by_chance(const ByChoice& p, const ByChoice& weights) {
+  double smaller = 1;
+  for (std::size_t r = 0; r < regions.size(); ++r)
+    smaller = std::min(smaller, std::inner_product(p[r].begin(), p[r].end(), weights[r].begin(), 0.0));
+  return std::min(1.0, 2 * smaller);
+}
+
+Judge::Judge(const TypeModel& type) : type_(type) {
+  for (std::size_t r = 0; r < regions.size(); ++r) {
+    for (std::size_t k = 0; k < type.choices(r); ++k) region_[r].choices.emplace_back(type, r, type.choice(r, k));
+    region_[r].back = inverse(type.region[r].decouple);
+  }
+}
+
+Shift Judge::shift(const Rows& healthy, const Rows& recent) const {
+  Shift out{.observations = recent.size()};
+  const auto n = static_cast<double>(recent.size());
+  double load_sum = 0;
+  for (const Row& row : recent) out.temperature_degC += row.temperature_degC / n, load_sum += row.load_norm;
+  out.load_norm = load_sum / n;
+  for (std::size_t r = 0; r < regions.size(); ++r) {
+    const Region& region = region_[r];
+    for (const Choice& c : region.choices) {
+      const JointSeries series(c, healthy, recent);
+      const Scale scale = series.scale();
+      const WindowFit fit = series.window(scale);
+      out.by_chance[r].push_back(exceeded_by_chance(c.model, fit.statistic, fit.uncertainty, scale.freedom));
+      const auto p = static_cast<double>(c.p);
+      const double log_variance = std::log(fit.covariance.determinant()) - 2 * c.log_determinant;
+      out.evidence.healthy[r].push_back(log_student(p, scale.freedom, log_variance, fit.statistic));
+      if (&c != &region.choices.front()) continue;
+      out.evidence.other[r] =
+          log_student(p, scale.freedom, log_variance + p * std::log(others_variance), fit.statistic / others_variance);
+      out.mean[r] = region.back * fit.shift;
+      out.covariance[r] = region.back * fit.covariance * region.back.transpose();
+      out.freedom = std::min(out.freedom, scale.freedom);
+    }
+  }
+  return out;
+}
+
+HealthyState Judge::state_of(const Rows& healthy, const Shift& shift, double load_sensitivity) const {
+  const TypeModel& type = type_;
   HealthyState h{.joint = type.joint, .observations = type.observations, .load_sensitivity = load_sensitivity};
   h.knows_temperature = type.knows_temperature;
   h.temperature_low_degC = type.temperature_low_degC, h.temperature_high_degC = type.temperature_high_degC;
   h.together.setZero();
   for (std::size_t r = 0; r < regions.size(); ++r) {
-    const RegionModel& m = type.region[r];
-    const Index p = m.features(), q = m.regressors();
-    const JointBaseline base = filter_of(type, r, healthy).baseline();
+    const Index p = type.region[r].features(), q = type.region[r].regressors();
+    const VectorXd base = JointSeries(region_[r].choices.front(), healthy, {}).baseline();
     MatrixXd z(q, p);  // per component, in units of x
-    for (Index k = 0; k < p; ++k) z.col(k) = base.mean.segment(k * q, q);
+    for (Index k = 0; k < p; ++k) z.col(k) = base.segment(k * q, q);
     Baseline& b = h.region[r];
-    b.coefficients = z * inverse(m.decouple).transpose();
+    b.coefficients = z * region_[r].back.transpose();
     if (q > 1) b.coefficients.row(1) /= temperature_unit_K;
     b.covariance = shift.covariance[r];
     b.inverse_gram = MatrixXd::Zero(q, q);
@@ -79,33 +129,8 @@ HealthyState state_of(const TypeModel& type, const Rows& healthy, const Shift& s
   return h;
 }
 
-}  // namespace
-
-Shift judge_window(const TypeModel& type, const Rows& healthy, const Rows& recent) {
-  Shift out{.observations = recent.size()};
-  const auto n = static_cast<double>(recent.size());
-  double load_sum = 0;
-  for (const Row& row : recent) out.temperature_degC += row.temperature_degC / n, load_sum += row.load_norm;
-  out.load_norm = load_sum / n;
-  for (std::size_t r = 0; r < regions.size(); ++r) {
-    const RegionModel& m = type.region[r];
-    JointFilter filter = filter_of(type, r, healthy);
-    filter.begin_shift();
-    for (const Row& row : recent) filter.take(row);
-    const JointBaseline shift = filter.shift();
-    const double statistic = shift.mean.dot(symmetric_solution(shift.covariance, shift.mean));
-    out.by_chance[r] = exceeded_by_chance(m, statistic, shares_of(type, r, shift, recent), shift.freedom);
-    const MatrixXd back = inverse(m.decouple);
-    out.mean[r] = back * shift.mean;
-    out.covariance[r] = back * shift.covariance * back.transpose();
-    out.freedom = std::min(out.freedom, shift.freedom);
-  }
-  out.p = std::min(1.0, 2 * std::min(out.by_chance[0], out.by_chance[1]));
-  return out;
-}
-
-Finding explain(const TypeModel& type, const Rows& healthy, const Shift& shift, double load_sensitivity) {
-  const HealthyState h = state_of(type, healthy, shift, load_sensitivity);
+Finding Judge::explain(const Rows& healthy, const Shift& shift, double load_sensitivity) const {
+  const HealthyState h = state_of(healthy, shift, load_sensitivity);
   Observation o;
   if (std::isfinite(shift.temperature_degC)) o.temperature_degC = shift.temperature_degC;
   if (std::isfinite(shift.load_norm)) o.indicators[load] = shift.load_norm;
@@ -133,27 +158,35 @@ Finding explain(const TypeModel& type, const Rows& healthy, const Shift& shift, 
   return out;
 }
 
-Chart watch_joint(const TypeModel& type, const Rows& healthy, const Rows& recent, const CusumTail& tail,
-                  double stop_learning) {
-  std::array<JointFilter, 2> filters{filter_of(type, 0, healthy), filter_of(type, 1, healthy)};
+Chart Judge::watch(const Rows& healthy, const Rows& recent, const CusumTail& tail, double stop_learning) const {
   Chart out;
-  std::array<double, 2> sum{};
-  bool learn = true;
-  for (const Row& row : recent) {
-    Chart::Step step{.day = row.day};
-    for (std::size_t r = 0; r < regions.size(); ++r) {
-      const auto [statistic, chance] = filters[r].take(row, learn);
-      if (learn) filters[r].learn_scale(statistic);
-      const double score =
-          chance > 0 ? std::clamp(-normal_quantile(std::min(chance, 1 - 1e-15)), -score_maximum, score_maximum)
-                     : score_maximum;
-      sum[r] = std::max(0.0, sum[r] + score - cusum_allowance);
-      step.p = std::min(step.p, 2 * tail(out.steps.size() + 1, sum[r]));
+  for (const Row& row : recent) out.steps.push_back({.day = row.day, .p = {}});
+  for (std::size_t r = 0; r < regions.size(); ++r)
+    for (const Choice& c : region_[r].choices) {
+      const JointSeries series(c, healthy, recent);
+      JointSeries::Follower follower(series, series.scale());
+      const auto p = static_cast<double>(c.p);
+      double sum = 0, density = 0, other = 0;
+      bool learn = true;
+      for (std::size_t i = 0; i < recent.size(); ++i) {
+        const auto [statistic, chance, log_variance] = follower.next(learn);
+        const double freedom = follower.scale().freedom;
+        density += log_student(p, freedom, log_variance, statistic);
+        other += log_student(p, freedom, log_variance + p * std::log(others_variance), statistic / others_variance);
+        if (learn) follower.learn_scale(statistic);
+        const double score =
+            chance > 0 ? std::clamp(-normal_quantile(std::min(chance, 1 - 1e-15)), -score_maximum, score_maximum)
+                       : score_maximum;
+        sum = std::max(0.0, sum + score - cusum_allowance);
+        Chart::Step& step = out.steps[i];
+        const double beyond = tail(i + 1, sum);
+        step.p[r].push_back(beyond);
+        if (&c == &region_[r].choices.front()) step.sum = std::max(step.sum, sum);
+        learn = learn && 2 * beyond > stop_learning;
+      }
+      out.evidence.healthy[r].push_back(density);
+      if (&c == &region_[r].choices.front()) out.evidence.other[r] = other;
     }
-    step.sum = sum;
-    learn = learn && step.p > stop_learning;
-    out.steps.push_back(step);
-  }
   return out;
 }
 

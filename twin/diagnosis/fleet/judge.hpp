@@ -5,25 +5,50 @@
 
 #include <tribotwin/twin/diagnosis/check.hpp>
 #include <tribotwin/twin/diagnosis/fleet/discoveries.hpp>
-#include <tribotwin/twin/diagnosis/fleet/type_model.hpp>
+#include <tribotwin/twin/diagnosis/fleet/joint_fit.hpp>
 
 /// What the newest observations say about one joint of a robot.
 namespace tribotwin::twin::diagnosis::fleet {
 
+/// Numbers by region and persistence (TypeModel::choice).
+using ByChoice = std::array<std::vector<double>, 2>;
+
+/// Log densities of what was observed of one joint.
+struct Evidence {
+  ByChoice healthy;
+  std::array<double, 2> other{};  ///< if the joint may be anything
+};
+
 /// How far a joint is from where it was: the mean over a window of deviations from its own healthy state, which is its
 /// type's where it has no healthy curves.
 struct Shift {
+  // Under the most probable persistence:
   std::array<Eigen::VectorXd, 2> mean;        ///< of the logarithmic features, by region
   std::array<Eigen::MatrixXd, 2> covariance;  ///< of `mean`: measurement, days (correlated), healthy state
-  std::array<double, 2> by_chance{1, 1};      ///< probability of at least this T^2 on a healthy joint
-  double p = 1;                               ///< of both regions: twice the smaller one (Bonferroni)
   double freedom = 1e6;                       ///< of the scatter
-  double temperature_degC = 0;                ///< mean over the window
+  // Under each:
+  ByChoice by_chance;  ///< probability of at least this T^2 on a healthy joint
+  Evidence evidence;
+
+  double temperature_degC = 0;  ///< mean over the window
   double load_norm = std::numeric_limits<double>::quiet_NaN();
   std::size_t observations = 0;
 };
-/// `recent` must not be empty; both in the order of time.
-Shift judge_window(const TypeModel& type, const Rows& healthy, const Rows& recent);
+
+/// How probable each persistence is. The healthy curves say it as far as they span days; the shifts of all joints say
+/// more, because most joints are healthy, and their shifts have the variance that the true persistence gives them
+/// (Efron 2004 takes the whole null distribution from there). With joints that are not healthy as a mixture.
+class PersistenceWeights {
+ public:
+  explicit PersistenceWeights(const TypeModel& type);
+  void add(const Evidence& joint);
+  ByChoice weights() const;
+
+ private:
+  ByChoice log_;
+};
+/// Probability by chance, of both regions: twice the smaller one (Bonferroni).
+double by_chance(const ByChoice& p, const ByChoice& weights);
 
 /// What the shift looks like, by the patterns of one joint (patterns.hpp), and the margin to the wear threshold.
 struct Finding {
@@ -35,21 +60,42 @@ struct Finding {
   EquivalentLoad load;                                 ///< load.threshold: where Zhou 2024's distance reaches 6 sigma
   double margin = 0, margin_low = 0, margin_high = 0;  ///< load.threshold - load.load_norm, 95 %
 };
-Finding explain(const TypeModel& type, const Rows& healthy, const Shift& shift, double load_sensitivity);
 
 /// CUSUM of one joint over its observations after the healthy ones, as `tribotwin diagnose watch`; each observation is
 /// compared with what the healthy ones, the type and all before it predict, correlation in time included, so that the
-/// scores of a healthy joint are independent.
+/// scores of a healthy joint are independent under the true persistence.
 struct Chart {
   struct Step {
     double day = 0;
-    std::array<double, 2> sum{};  ///< CUSUM by region
-    double p = 1;                 ///< of both, by chance on a healthy joint after as many steps
+    double sum = 0;  ///< CUSUM, larger of both regions, under the most probable persistence
+    ByChoice p;      ///< by chance on a healthy joint after as many steps
   };
   std::vector<Step> steps;
+  Evidence evidence;
 };
-/// The chart learns from observations until p falls below `stop_learning`.
-Chart watch_joint(const TypeModel& type, const Rows& healthy, const Rows& recent, const CusumTail& tail,
-                  double stop_learning);
+
+/// Judges the joints of one type. Keeps a reference.
+class Judge {
+ public:
+  explicit Judge(const TypeModel& type);
+  const TypeModel& type() const { return type_; }
+
+  /// `recent` must not be empty; both in the order of time, the recent ones later.
+  Shift shift(const Rows& healthy, const Rows& recent) const;
+  /// The chart learns from observations until p falls below `stop_learning`.
+  Chart watch(const Rows& healthy, const Rows& recent, const CusumTail& tail, double stop_learning) const;
+  Finding explain(const Rows& healthy, const Shift& shift, double load_sensitivity) const;
+
+ private:
+  struct Region {
+    std::vector<Choice> choices;
+    Eigen::MatrixXd back;  ///< W^-1 of the most probable one
+  };
+  /// The joint's own healthy state in the form in which one joint's patterns are found.
+  HealthyState state_of(const Rows& healthy, const Shift& shift, double load_sensitivity) const;
+
+  const TypeModel& type_;
+  std::array<Region, 2> region_;
+};
 
 }  // namespace tribotwin::twin::diagnosis::fleet

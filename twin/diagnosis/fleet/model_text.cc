@@ -45,7 +45,7 @@ Json json_of(const RegionModel& m) {
           {"noise_freedom", m.noise_freedom},
           {"lambda_variance", vector(m.lambda_variance)},
           {"scale_by_lambda", vector(m.scale_by_lambda)},
-          {"persistence_variance", m.persistence_variance},
+          {"probability", m.probability},
           {"typical_scatter", m.typical_scatter},
           {"scale", m.scale},
           {"scale_freedom", m.scale_freedom}};
@@ -63,10 +63,10 @@ RegionModel region_of(const Json& j) {
           .noise_freedom = j.at("noise_freedom"),
           .lambda_variance = to_vector(j.at("lambda_variance")),
           .scale_by_lambda = to_vector(j.at("scale_by_lambda")),
-          .persistence_variance = j.at("persistence_variance"),
           .typical_scatter = j.at("typical_scatter"),
           .scale = j.at("scale"),
-          .scale_freedom = j.at("scale_freedom")};
+          .scale_freedom = j.at("scale_freedom"),
+          .probability = j.at("probability")};
 }
 
 }  // namespace
@@ -81,7 +81,10 @@ std::string to_text(const TypeModel& t) {
          {"within", matrix(t.within)},
          {"load_norm", std::isfinite(t.load_norm) ? Json(t.load_norm) : Json(nullptr)},
          {"notes", t.notes}};
-  for (std::size_t r = 0; r < regions.size(); ++r) j[regions[r].name] = json_of(t.region[r]);
+  for (std::size_t r = 0; r < regions.size(); ++r) {
+    Json& all = j[regions[r].name] = Json::array();
+    for (std::size_t k = 0; k < t.choices(r); ++k) all.push_back(json_of(t.choice(r, k)));
+  }
   return j.dump();
 }
 
@@ -97,7 +100,11 @@ TypeModel from_text(const std::string& text) {
   t.within = to_matrix(j.at("within"));
   if (!j.at("load_norm").is_null()) t.load_norm = j.at("load_norm");
   t.notes = j.at("notes").get<std::vector<std::string>>();
-  for (std::size_t r = 0; r < regions.size(); ++r) t.region[r] = region_of(j.at(std::string(regions[r].name)));
+  for (std::size_t r = 0; r < regions.size(); ++r) {
+    const Json& all = j.at(std::string(regions[r].name));
+    t.region[r] = region_of(all.at(0));
+    for (std::size_t k = 1; k < all.size(); ++k) t.others[r].push_back(region_of(all.at(k)));
+  }
   return t;
 }
 

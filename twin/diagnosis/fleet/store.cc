@@ -353,10 +353,10 @@ void Store::put_model(const TypeModel& model) {
   made_->statement("INSERT OR REPLACE INTO models VALUES(?, ?, ?)")(model.type, model.joint, to_text(model)).run();
 }
 
-std::vector<TypeModel> Store::models() {
-  std::vector<TypeModel> all;
+std::vector<std::string> Store::model_texts() {
+  std::vector<std::string> all;
   auto& s = made_->statement("SELECT model FROM models ORDER BY type, joint")();
-  while (s.row()) all.push_back(from_text(s.text(0)));
+  while (s.row()) all.push_back(s.text(0));
   return all;
 }
 

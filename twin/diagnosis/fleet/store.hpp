@@ -77,7 +77,7 @@ class Store {
   std::optional<std::int64_t> newest();
 
   void put_model(const TypeModel& model);
-  std::vector<TypeModel> models();
+  std::vector<std::string> model_texts();  ///< for from_text()
   /// The verdicts of one day; those of the same day and kind are replaced.
   void put_verdicts(const std::string& kind, std::int64_t time_s, double rate, std::size_t judged,
                     const std::vector<StoredVerdict>& verdicts);

@@ -1,122 +1,239 @@
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <limits>
 #include <map>
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/diagnosis/fleet/divided.hpp>
+#include <tribotwin/twin/diagnosis/fleet/model_text.hpp>
 #include <tribotwin/twin/diagnosis/fleet/survey.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
-#include <tribotwin/twin/numerics/parallel.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
 namespace {
 
 constexpr std::size_t chunk = 4096;  ///< curves, or joints, in memory
+constexpr std::size_t batch = 64;    ///< of these, in a task
 constexpr std::int64_t always = std::numeric_limits<std::int64_t>::max();
 constexpr double stop_learning = 1e-3;  ///< a chart that is as unlikely on a healthy joint no longer learns
 
-/// Fits and keeps what is new in a chunk.
-void keep(Store& store, std::vector<LevelCurve>& curves, const ImportOptions& o, Imported& out) {
-  std::vector<Entry> entries;
-  std::vector<std::size_t> to_fit;
-  for (const auto& c : curves) {
-    entries.push_back({.key = c.key, .file = c.file, .line = c.line, .checksum = c.checksum(), .observation = {}});
-    const auto what = store.look(entries.back(), o.learned);
-    if (what == Store::Put::added || (what == Store::Put::changed && o.replace)) to_fit.push_back(entries.size() - 1);
-  }
-  identification::in_parallel(to_fit.size(), o.threads, [&](std::size_t i) {
-    entries[to_fit[i]].observation = observe_levels(curves[to_fit[i]], o.load_sensitivity);
-  });
-  for (const auto& e : entries) {
-    switch (store.put(e, o.learned, o.replace)) {
-      case Store::Put::added:
-        ++out.added;
-        break;
-      case Store::Put::known:
-        ++out.known;
-        break;
-      case Store::Put::promoted:
-        ++out.promoted;
-        break;
-      case Store::Put::replaced:
-        ++out.replaced;
-        break;
-      case Store::Put::changed:
-        throw InputError(
-            fmt::format("{}:{}: {}: differs from the curve of this robot, joint and date that {} brought; nothing was "
-                        "imported. Give "
-                        "it another date or number (column curve), or --replace to take its place",
-                        e.file, e.line, name_of(e.key), store.origin(e.key)));
-    }
-    if (e.observation.weak.empty()) continue;
-    if (out.weak++ == 0) out.first_weak = fmt::format("{}:{}: {}", e.file, e.line, joined(e.observation.weak));
-  }
-  out.curves += curves.size();
-  curves.clear();
-}
-
-using ModelKey = std::pair<std::string, std::string>;
-
-/// Calls work(i, healthy, recent, model) for every joint with observations in the time, in parallel, and counts the
-/// rest.
-class EachJoint {
+/// Curves that are read, fitted and kept, a chunk at a time.
+class Import {
  public:
-  EachJoint(Store& store, std::int64_t from_s, std::int64_t to_s, unsigned threads)
-      : store_(store), from_s_(from_s), to_s_(to_s), threads_(threads) {
-    for (auto& m : store.models()) models_.emplace(ModelKey{m.type, m.joint}, std::move(m));
-    if (models_.empty())
-      throw InputError("the store holds no healthy state: begin with tribotwin fleet learn HEALTHY_DATA -o FLEET");
+  Import(Store* store, const std::filesystem::path& data, const ImportOptions& o) : store_(store), options_(o) {
+    if (store_) reader_ = or_wrong_input(open_curves(data, o.read));
   }
 
-  struct Task {
-    const JointName* joint;
-    const TypeModel* model;
-    Rows healthy, recent;
-  };
-  Task task(const JointName& joint) const {
-    const auto model = models_.find({joint.type, joint.joint});
-    return {.joint = &joint,
-            .model = model == models_.end() ? nullptr : &model->second,
-            .healthy = store_.rows(joint.id, true, -always, always),
-            .recent = store_.rows(joint.id, false, from_s_, to_s_)};
-  }
-
-  /// `done(task, result)` is called in the order of the joints.
-  template <class Work, class Done>
-  void run(const std::vector<JointName>& joints, Survey& survey, const Work& work, const Done& done) const {
-    std::vector<Task> tasks;
-    const auto finish = [&] {
-      std::vector<decltype(work(tasks.front()))> results(tasks.size());
-      identification::in_parallel(tasks.size(), threads_, [&](std::size_t i) { results[i] = work(tasks[i]); });
-      for (std::size_t i = 0; i < tasks.size(); ++i) done(tasks[i], results[i]);
-      tasks.clear();
-    };
-    for (const auto& joint : joints) {
-      Task t = task(joint);
-      if (t.recent.empty()) continue;
-      if (!t.model) {
-        ++survey.without_model;
-        continue;
-      }
-      if (t.model->knows_temperature &&
-          std::ranges::any_of(t.recent, [](const Row& r) { return !std::isfinite(r.temperature_degC); })) {
-        ++survey.without_temperature;
-        continue;
-      }
-      ++survey.judged;
-      tasks.push_back(std::move(t));
-      if (tasks.size() == chunk) finish();
-    }
-    if (!tasks.empty()) finish();
+  Imported run() {
+    divide({.prepare = [this] { return prepare(); },
+            .input =
+                [this](std::size_t task) {
+                  BytesOut out;
+                  for (std::size_t i = task * batch; i < end(task); ++i) put(out, curves_[to_fit_[i]]);
+                  return out.take();
+                },
+            .work = [this](std::size_t task, const std::string& input) { return fit(task, input); },
+            .finish = [this](const std::vector<std::string>& results) { finish(results); }},
+           options_.threads);
+    return out_;
   }
 
  private:
-  Store& store_;
+  std::size_t end(std::size_t task) const { return std::min(to_fit_.size(), (task + 1) * batch); }
+
+  /// Chunks until there is one with something new.
+  std::size_t prepare() {
+    do {
+      curves_.clear(), entries_.clear(), to_fit_.clear();
+      LevelCurve curve;
+      for (; curves_.size() < chunk && or_wrong_input(reader_->next(curve)); curve = {})
+        curves_.push_back(std::move(curve));
+      if (curves_.empty()) return 0;
+      for (const auto& c : curves_) {
+        entries_.push_back({.key = c.key, .file = c.file, .line = c.line, .checksum = c.checksum(), .observation = {}});
+        const auto what = store_->look(entries_.back(), options_.learned);
+        if (what == Store::Put::added || (what == Store::Put::changed && options_.replace))
+          to_fit_.push_back(entries_.size() - 1);
+      }
+      if (to_fit_.empty()) keep();
+    } while (to_fit_.empty());
+    return (to_fit_.size() + batch - 1) / batch;
+  }
+
+  std::string fit(std::size_t task, const std::string& input) const {
+    BytesOut out;
+    if (input.empty()) {
+      for (std::size_t i = task * batch; i < end(task); ++i)
+        put(out, observe_levels(curves_[to_fit_[i]], options_.load_sensitivity));
+    } else {
+      for (BytesIn in(input); !in.empty();) put(out, observe_levels(get_curve(in), options_.load_sensitivity));
+    }
+    return out.take();
+  }
+
+  void finish(const std::vector<std::string>& results) {
+    std::size_t i = 0;
+    for (const auto& result : results)
+      for (BytesIn in(result); !in.empty(); ++i) entries_[to_fit_[i]].observation = get_observation(in);
+    keep();
+  }
+
+  void keep() {
+    for (const auto& e : entries_) {
+      const auto put = store_->put(e, options_.learned, options_.replace);
+      if (put == Store::Put::changed)
+        throw InputError(fmt::format(
+            "{}:{}: {}: differs from the curve of this robot, joint and date that {} brought; nothing was imported. "
+            "Give it another date or number (column curve), or --replace to take its place",
+            e.file, e.line, name_of(e.key), store_->origin(e.key)));
+      ++(put == Store::Put::added      ? out_.added
+         : put == Store::Put::known    ? out_.known
+         : put == Store::Put::promoted ? out_.promoted
+                                       : out_.replaced);
+      if (e.observation.weak.empty()) continue;
+      if (out_.weak++ == 0) out_.first_weak = fmt::format("{}:{}: {}", e.file, e.line, joined(e.observation.weak));
+    }
+    out_.curves += curves_.size();
+  }
+
+  Store* const store_;
+  const ImportOptions options_;
+  std::unique_ptr<CurveReader> reader_;
+  std::vector<LevelCurve> curves_;
+  std::vector<Entry> entries_;
+  std::vector<std::size_t> to_fit_;
+  Imported out_;
+};
+
+using ModelKey = std::pair<std::string, std::string>;
+
+/// The joints with observations in the time, and the models by which they are judged. On all ranks.
+class EachJoint {
+ public:
+  EachJoint(Store* store, std::int64_t from_s, std::int64_t to_s, unsigned threads)
+      : store_(store), from_s_(from_s), to_s_(to_s), threads_(threads) {
+    const std::string texts = or_throw(ranks().from_root([&]() -> Result<std::string> {
+      BytesOut out;
+      for (const auto& text : store_->model_texts()) out.put(std::string_view(text));
+      return out.take();
+    }));
+    for (BytesIn in(texts); !in.empty();) models_.push_back(from_text(in.text()));
+    if (models_.empty())
+      throw InputError("the store holds no healthy state: begin with tribotwin fleet learn HEALTHY_DATA -o FLEET");
+    for (std::size_t i = 0; i < models_.size(); ++i) {
+      judges_.emplace_back(models_[i]);
+      weights_.emplace_back(models_[i]);
+      by_name_.emplace(ModelKey{models_[i].type, models_[i].joint}, i);
+    }
+    if (store_) joints_ = store_->joints();
+  }
+
+  struct Task {
+    const JointName* joint = nullptr;
+    std::size_t model = 0;
+    Rows healthy, recent;
+  };
+  Task task(const JointName& joint) const {
+    const auto model = by_name_.find({joint.type, joint.joint});
+    Task t{.joint = &joint, .model = model == by_name_.end() ? none : model->second};
+    t.recent = store_->rows(joint.id, false, from_s_, to_s_);
+    if (!t.recent.empty() && t.model != none) t.healthy = store_->rows(joint.id, true, -always, always);
+    return t;
+  }
+
+  const Judge& judge(std::size_t model) const { return judges_[model]; }
+  /// By model, from the evidence of all joints.
+  std::vector<ByChoice> all_weights() const {
+    std::vector<ByChoice> all;
+    for (const auto& w : weights_) all.push_back(w.weights());
+    return all;
+  }
+
+  /// Calls work(task, out) for every joint on any rank, and done(task, in) on the first in the order of the joints,
+  /// with what work has put after the evidence.
+  void run(Survey& survey, const std::function<Evidence(const Task&, BytesOut&)>& work,
+           const std::function<void(const Task&, BytesIn&)>& done) {
+    std::size_t next = 0;
+    std::vector<Task> tasks;
+    const auto end = [&](std::size_t task) { return std::min(tasks.size(), (task + 1) * batch); };
+    const auto one = [&](const Task& t, BytesOut& out) {
+      BytesOut rest;
+      const Evidence evidence = work(t, rest);
+      put(out, evidence);
+      out.put(std::string_view(rest.take()));
+    };
+    divide({.prepare =
+                [&] {
+                  tasks.clear();
+                  while (tasks.size() < chunk && next < joints_.size()) add(joints_[next++], tasks, survey);
+                  return (tasks.size() + batch - 1) / batch;
+                },
+            .input =
+                [&](std::size_t task) {
+                  BytesOut out;
+                  for (std::size_t i = task * batch; i < end(task); ++i) {
+                    out.put<std::uint64_t>(tasks[i].model);
+                    put(out, tasks[i].healthy), put(out, tasks[i].recent);
+                  }
+                  return out.take();
+                },
+            .work =
+                [&](std::size_t task, const std::string& input) {
+                  BytesOut out;
+                  if (input.empty())
+                    for (std::size_t i = task * batch; i < end(task); ++i) one(tasks[i], out);
+                  for (BytesIn in(input); !in.empty();) {
+                    Task t{.model = in.get<std::uint64_t>()};
+                    t.healthy = get_rows(in), t.recent = get_rows(in);
+                    one(t, out);
+                  }
+                  return out.take();
+                },
+            .finish =
+                [&](const std::vector<std::string>& results) {
+                  std::size_t i = 0;
+                  for (const auto& result : results)
+                    for (BytesIn in(result); !in.empty(); ++i) {
+                      weights_[tasks[i].model].add(get_evidence(in));
+                      const std::string rest = in.text();
+                      BytesIn of_work(rest);
+                      done(tasks[i], of_work);
+                    }
+                }},
+           threads_);
+  }
+
+ private:
+  static constexpr std::size_t none = ~std::size_t{0};
+
+  void add(const JointName& joint, std::vector<Task>& tasks, Survey& survey) const {
+    Task t = task(joint);
+    if (t.recent.empty()) return;
+    if (t.model == none) {
+      ++survey.without_model;
+      return;
+    }
+    if (models_[t.model].knows_temperature &&
+        std::ranges::any_of(t.recent, [](const Row& r) { return !std::isfinite(r.temperature_degC); })) {
+      ++survey.without_temperature;
+      return;
+    }
+    ++survey.judged;
+    tasks.push_back(std::move(t));
+  }
+
+  Store* const store_;
   const std::int64_t from_s_, to_s_;
   const unsigned threads_;
-  std::map<ModelKey, TypeModel> models_;
+  std::deque<TypeModel> models_;
+  std::deque<Judge> judges_;
+  std::vector<PersistenceWeights> weights_;
+  std::map<ModelKey, std::size_t> by_name_;
+  std::vector<JointName> joints_;
 };
 
 double rank_of(const Finding& f) {
@@ -124,10 +241,15 @@ double rank_of(const Finding& f) {
   return std::max(used, f.unit == "1" ? f.severity : 0);
 }
 
-std::int64_t end_of(Store& store, const SurveyOptions& o) {
-  const auto newest = o.time_s ? o.time_s : store.newest();
-  if (!newest) throw InputError("the store holds no observation to judge: all of them are healthy ones, learned from");
-  return *newest;
+/// Collective.
+std::int64_t end_of(Store* store, const SurveyOptions& o) {
+  return std::stoll(or_throw(ranks().from_root([&]() -> Result<std::string> {
+    const auto newest = o.time_s ? o.time_s : store->newest();
+    if (!newest)
+      return tl::unexpected(
+          Error("the store holds no observation to judge: all of them are healthy ones, learned from"));
+    return std::to_string(*newest);
+  })));
 }
 
 void keep_verdicts(Store& store, const char* kind, const SurveyOptions& o, Survey& survey) {
@@ -145,31 +267,33 @@ void keep_verdicts(Store& store, const char* kind, const SurveyOptions& o, Surve
   store.put_verdicts(kind, survey.time_s, o.rate, survey.judged, kept);
 }
 
-/// What may be listed: p of at most the rate. The others only count.
+/// What may be listed: p of at most the rate under some persistence. The others only count.
 struct Candidate {
-  const JointName* joint;
+  const JointName* joint = nullptr;
+  std::size_t model = 0;
+  ByChoice by_persistence;
   double p = 1, cusum = 0;
   std::size_t observations = 0;
 };
 
+double smallest(const ByChoice& p) { return 2 * std::min(std::ranges::min(p[0]), std::ranges::min(p[1])); }
+
 /// Joints listed on each day, for `since`: p of at most the rate by day, and how many were judged on it.
 class DailyLists {
  public:
-  void add(const JointName* joint, const Chart& chart, double rate) {
-    for (std::size_t i = 0; i < chart.steps.size(); ++i) {
-      const auto day = static_cast<std::int64_t>(std::floor(chart.steps[i].day));
-      if (i + 1 < chart.steps.size() && std::floor(chart.steps[i + 1].day) == static_cast<double>(day)) continue;
-      auto& list = days_[day];
-      ++list.judged;
-      if (chart.steps[i].p <= rate) list.p.push_back(chart.steps[i].p), list.joints.push_back(joint);
-    }
+  void judged(double day) { ++days_[static_cast<std::int64_t>(day)].judged; }
+  void add(double day, const JointName* joint, std::size_t model, ByChoice p) {
+    days_[static_cast<std::int64_t>(day)].candidates.push_back(
+        {.joint = joint, .model = model, .by_persistence = std::move(p)});
   }
-  std::map<const JointName*, std::int64_t> first(double rate) const {
+  std::map<const JointName*, std::int64_t> first(double rate, const std::vector<ByChoice>& weights) const {
     std::map<const JointName*, std::int64_t> out;
     for (const auto& [day, list] : days_) {
-      const auto q = adjusted(list.p, list.judged);
+      std::vector<double> p;
+      for (const auto& c : list.candidates) p.push_back(by_chance(c.by_persistence, weights[c.model]));
+      const auto q = adjusted(p, list.judged);
       for (std::size_t i = 0; i < q.size(); ++i)
-        if (q[i] <= rate) out.emplace(list.joints[i], day * 86400);
+        if (q[i] <= rate) out.emplace(list.candidates[i].joint, day * 86400);
     }
     return out;
   }
@@ -177,18 +301,46 @@ class DailyLists {
  private:
   struct Day {
     std::size_t judged = 0;
-    std::vector<double> p;
-    std::vector<const JointName*> joints;
+    std::vector<Candidate> candidates;
   };
   std::map<std::int64_t, Day> days_;
 };
 
+/// The last step of every day, with p where it may be listed.
+void put_days(BytesOut& out, const Chart& chart, double rate) {
+  const auto& steps = chart.steps;
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    const double day = std::floor(steps[i].day);
+    if (i + 1 < steps.size() && std::floor(steps[i + 1].day) == day) continue;
+    const bool candidate = smallest(steps[i].p) <= rate;
+    out.put(day).put(steps[i].sum).put(candidate);
+    if (candidate) put(out, steps[i].p);
+  }
+}
+/// Calls each(day, p) for every day; returns the last one where it may be listed.
+std::optional<Chart::Step> get_days(BytesIn& in, const std::function<void(double, std::optional<ByChoice>)>& each) {
+  std::optional<Chart::Step> last;
+  while (!in.empty()) {
+    last = Chart::Step{.day = in.get<double>(), .p = {}};
+    last->sum = in.get<double>();
+    if (in.get<bool>()) {
+      last->p = get_by_choice(in);
+      each(last->day, last->p);
+      continue;
+    }
+    each(last->day, std::nullopt);
+    last.reset();
+  }
+  return last;
+}
+
 std::int64_t seconds(double days) { return static_cast<std::int64_t>(std::llround(days * 86400)); }
 
-/// The candidates whose adjusted p is at most the rate, explained by their last observations.
-void list(const std::vector<Candidate>& candidates, const EachJoint& each, const SurveyOptions& o, Survey& survey) {
+/// The candidates whose adjusted p is at most the rate, explained by their last observations. On the first rank.
+void list(std::vector<Candidate>& candidates, const std::vector<ByChoice>& weights, const EachJoint& each,
+          const SurveyOptions& o, Survey& survey) {
   std::vector<double> p;
-  for (const auto& c : candidates) p.push_back(c.p);
+  for (auto& c : candidates) p.push_back(c.p = by_chance(c.by_persistence, weights[c.model]));
   const auto q = adjusted(p, survey.judged);
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     if (!(q[i] <= o.rate)) continue;
@@ -196,7 +348,8 @@ void list(const std::vector<Candidate>& candidates, const EachJoint& each, const
     const double from = t.recent.back().day - o.days;
     std::erase_if(t.recent, [&](const Row& r) { return r.day <= from; });
     Listed l{.joint = *candidates[i].joint, .p = p[i], .q = q[i], .observations = candidates[i].observations};
-    l.finding = explain(*t.model, t.healthy, judge_window(*t.model, t.healthy, t.recent), o.load_sensitivity);
+    const Judge& judge = each.judge(t.model);
+    l.finding = judge.explain(t.healthy, judge.shift(t.healthy, t.recent), o.load_sensitivity);
     l.rank = rank_of(l.finding), l.cusum = candidates[i].cusum;
     survey.listed.push_back(std::move(l));
   }
@@ -204,16 +357,8 @@ void list(const std::vector<Candidate>& candidates, const EachJoint& each, const
 
 }  // namespace
 
-Imported import_curves(Store& store, const std::filesystem::path& data, const ImportOptions& options) {
-  const auto reader = or_wrong_input(open_curves(data, options.read));
-  Imported out;
-  std::vector<LevelCurve> curves;
-  for (LevelCurve curve; or_wrong_input(reader->next(curve)); curve = {}) {
-    curves.push_back(std::move(curve));
-    if (curves.size() == chunk) keep(store, curves, options, out);
-  }
-  keep(store, curves, options, out);
-  return out;
+Imported import_curves(Store* store, const std::filesystem::path& data, const ImportOptions& options) {
+  return Import(store, data, options).run();
 }
 
 std::vector<TypeModel> learn_fleet(Store& store, std::vector<std::string>& notes) {
@@ -241,46 +386,62 @@ std::vector<TypeModel> learn_fleet(Store& store, std::vector<std::string>& notes
   return all;
 }
 
-Survey check_fleet(Store& store, const SurveyOptions& o) {
+Survey check_fleet(Store* store, const SurveyOptions& o) {
   Survey survey{.time_s = end_of(store, o)};
-  const EachJoint each(store, survey.time_s - seconds(o.days) + 1, survey.time_s, o.threads);
-  const auto joints = store.joints();
+  EachJoint each(store, survey.time_s - seconds(o.days) + 1, survey.time_s, o.threads);
   std::vector<Candidate> candidates;
   each.run(
-      joints, survey, [](const EachJoint::Task& t) { return judge_window(*t.model, t.healthy, t.recent).p; },
-      [&](const EachJoint::Task& t, double p) {
-        if (p <= o.rate) candidates.push_back({.joint = t.joint, .p = p, .observations = t.recent.size()});
+      survey,
+      [&](const EachJoint::Task& t, BytesOut& out) {
+        const Shift shift = each.judge(t.model).shift(t.healthy, t.recent);
+        put(out, shift.by_chance);
+        return shift.evidence;
+      },
+      [&](const EachJoint::Task& t, BytesIn& in) {
+        ByChoice p = get_by_choice(in);
+        if (smallest(p) <= o.rate)
+          candidates.push_back(
+              {.joint = t.joint, .model = t.model, .by_persistence = std::move(p), .observations = t.recent.size()});
       });
-  list(candidates, each, o, survey);
-  keep_verdicts(store, "check", o, survey);
+  if (!store) return survey;
+  list(candidates, each.all_weights(), each, o, survey);
+  keep_verdicts(*store, "check", o, survey);
   return survey;
 }
 
-Survey watch_fleet(Store& store, const SurveyOptions& o) {
+Survey watch_fleet(Store* store, const SurveyOptions& o) {
   Survey survey{.time_s = end_of(store, o)};
-  const EachJoint each(store, -always, survey.time_s, o.threads);
-  const auto joints = store.joints();
+  EachJoint each(store, -always, survey.time_s, o.threads);
   const CusumTail tail;
   std::vector<Candidate> candidates;
   DailyLists daily;
   each.run(
-      joints, survey,
-      [&](const EachJoint::Task& t) { return watch_joint(*t.model, t.healthy, t.recent, tail, stop_learning); },
-      [&](const EachJoint::Task& t, const Chart& chart) {
-        const auto& last = chart.steps.back();
-        daily.add(t.joint, chart, o.rate);
-        if (last.p <= o.rate)
+      survey,
+      [&](const EachJoint::Task& t, BytesOut& out) {
+        const Chart chart = each.judge(t.model).watch(t.healthy, t.recent, tail, stop_learning);
+        put_days(out, chart, o.rate);
+        return chart.evidence;
+      },
+      [&](const EachJoint::Task& t, BytesIn& in) {
+        const auto last = get_days(in, [&](double day, std::optional<ByChoice> p) {
+          daily.judged(day);
+          if (p) daily.add(day, t.joint, t.model, *std::move(p));
+        });
+        if (last)
           candidates.push_back({.joint = t.joint,
-                                .p = last.p,
-                                .cusum = std::max(last.sum[0], last.sum[1]),
-                                .observations = chart.steps.size()});
+                                .model = t.model,
+                                .by_persistence = last->p,
+                                .cusum = last->sum,
+                                .observations = t.recent.size()});
       });
-  list(candidates, each, o, survey);
+  if (!store) return survey;
+  const auto weights = each.all_weights();
+  list(candidates, weights, each, o, survey);
   std::map<std::int64_t, std::int64_t> since;
-  for (const auto& [joint, time_s] : daily.first(o.rate)) since.emplace(joint->id, time_s);
+  for (const auto& [joint, time_s] : daily.first(o.rate, weights)) since.emplace(joint->id, time_s);
   for (auto& l : survey.listed)
     if (const auto at = since.find(l.joint.id); at != since.end()) l.since_s = at->second;
-  keep_verdicts(store, "watch", o, survey);
+  keep_verdicts(*store, "watch", o, survey);
   return survey;
 }
 

@@ -10,22 +10,23 @@
 #include <tribotwin/twin/diagnosis/fleet/store.hpp>
 
 /// The work of `tribotwin fleet`: import, models of all types, verdicts on all joints. Memory holds a chunk of curves
-/// and some hundred bytes per joint. Functions throw as Store does.
+/// and some hundred bytes per joint. Functions throw as Store does; those with a pointer to the store are collective:
+/// it is null on all ranks but the first, where their results are empty.
 namespace tribotwin::twin::diagnosis::fleet {
 
 struct ImportOptions {
   ReaderOptions read;
   double load_sensitivity = 0.6;  ///< as in ObservationOptions
-  unsigned threads = 1;
-  bool learned = false;  ///< the curves are of healthy joints
-  bool replace = false;  ///< a curve that has changed takes the place of the one in the store
+  unsigned threads = 0;           ///< 0: all cores
+  bool learned = false;           ///< the curves are of healthy joints
+  bool replace = false;           ///< a curve that has changed takes the place of the one in the store
 };
 struct Imported {
   std::size_t curves = 0, added = 0, known = 0, promoted = 0, replaced = 0, weak = 0;
   std::string first_weak;  ///< "FILE:LINE: Fs, Vs"
 };
 /// Adds all curves of `data`. InputError, with both places, where a curve differs from the one that is in the store.
-Imported import_curves(Store& store, const std::filesystem::path& data, const ImportOptions& options);
+Imported import_curves(Store* store, const std::filesystem::path& data, const ImportOptions& options);
 
 /// Learns a model per type of robot and joint from all healthy observations and keeps it. InputError where there is
 /// none at all that can be learned; `notes` says which could not.
@@ -36,7 +37,7 @@ struct SurveyOptions {
   double days = 10;                    ///< of the window of `check`
   std::optional<std::int64_t> time_s;  ///< end of the window; default: the newest observation
   double load_sensitivity = 0.6;
-  unsigned threads = 1;
+  unsigned threads = 0;  ///< 0: all cores
 };
 struct Listed {
   JointName joint;
@@ -53,9 +54,9 @@ struct Survey {
   std::vector<Listed> listed;  ///< by falling rank
 };
 /// One test per joint over its observations of the last days; the listed ones by Benjamini and Hochberg.
-Survey check_fleet(Store& store, const SurveyOptions& options);
+Survey check_fleet(Store* store, const SurveyOptions& options);
 /// One CUSUM per joint over all its observations that were not learned from; listed ones by Benjamini and Hochberg over
 /// the probabilities that healthy joints come as far.
-Survey watch_fleet(Store& store, const SurveyOptions& options);
+Survey watch_fleet(Store* store, const SurveyOptions& options);
 
 }  // namespace tribotwin::twin::diagnosis::fleet
