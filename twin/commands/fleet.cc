@@ -18,7 +18,7 @@ using Json = nlohmann::ordered_json;
 
 struct Arguments {
   std::vector<std::string> data;
-  std::string store, date;
+  std::string store, date, columns;
   ImportOptions import;
   SurveyOptions survey;
   unsigned threads = 0;
@@ -181,6 +181,7 @@ Result<Exit> survey(const Arguments& a, bool check) {
 void prepare(Arguments& a) {
   a.import.threads = a.survey.threads = a.threads;
   a.survey.load_sensitivity = a.import.load_sensitivity;
+  a.import.read.columns = a.columns;
   for (const auto& data : a.data)
     if (is_same_file(data, a.store)) throw InputError(fmt::format("{}: is the store itself, not DATA", data));
   if (a.date.empty()) return;
@@ -192,6 +193,8 @@ void prepare(Arguments& a) {
 void add_common(CLI::App& c, Arguments& a) {
   c.add_option("-o,--output", a.store, "The fleet's store (SQLite), which is made or added to")->required();
   c.add_flag("--replace", a.import.replace, "A curve that differs from the one in the store takes its place");
+  c.add_option("--columns", a.columns,
+               "YAML that maps foreign column names: robot: FOREIGN, speed_rad_s: {from: FOREIGN, unit: rpm}");
   c.add_option("--tau-max", a.import.read.torque_max_nm,
                "Largest manipulation torque [Nm], arm side, for curves in friction_norm alone")
       ->check(CLI::Range(1e-9, 1e9));
@@ -207,7 +210,7 @@ void add_common(CLI::App& c, Arguments& a) {
 }
 
 constexpr const char* data_help =
-    "CSV with robot, joint, date and the columns of a friction curve, or a folder of "
+    "CSV or HDF5 with robot, joint, date and the columns of a friction curve, or a folder of "
     "ROBOT/JOINT/DATE.csv; may be repeated";
 
 void add_learn(CLI::App& app, const std::shared_ptr<Arguments>& a, int& code) {

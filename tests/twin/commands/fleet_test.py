@@ -2,6 +2,9 @@
 Arguments: tribotwin."""
 import csv, json, os, random, signal, sqlite3, subprocess, sys, time
 
+import h5py
+import numpy as np
+
 import harness
 from fleet_plant import HEADER, Plant
 from harness import check, check_refused, content, finish, path, work
@@ -130,6 +133,78 @@ refused(
 )
 r = run("check", "changed.csv", "-o", "plant.db", "--replace", "--json", code=3)
 check("--replace", json.loads(r.stdout)["imported"]["replaced"] == 1, r.stdout[:600])
+
+# ---- The same curves from a CSV with decimal commas and foreign names, and from HDF5 files: the same observations.
+names = HEADER.split(",")
+foreign = ["Anlage", "Achse", "Tag", "n_rpm", "Last", "T_K", "M", "s"]
+with open(path("foreign.csv"), "w") as f:
+    f.write(";".join(foreign) + "\n")
+    for row in csv.DictReader(week[:600], fieldnames=names):
+        cells = [row[c] for c in names]
+        cells[3] = repr(float(cells[3]) * 30 / np.pi)
+        cells[5] = repr(float(cells[5]) + 273.15)
+        f.write(";".join([*cells[:3], *(c.replace(".", ",") for c in cells[3:])]) + "\n")
+with open(path("columns.yaml"), "w") as f:
+    f.write(
+        "robot: Anlage\njoint: Achse\ndate: Tag\nspeed_rad_s: {from: n_rpm, unit: rpm}\nload_norm: Last\n"
+        "temperature_degC: {from: T_K, unit: K}\nfriction_nm: M\nstderr_nm: s\n"
+    )
+columns = list(zip(*(row.split(",") for row in week[:600])))
+for name, text in (("variable.h5", h5py.string_dtype()), ("fixed.h5", "S12")):
+    with h5py.File(path(name), "w") as f:
+        for c, values in zip(names, columns):
+            f[c] = np.array(values, dtype=text) if c in ("robot", "joint", "date") else np.array(values, float)
+
+
+def observed(store):
+    with sqlite3.connect(path(store)) as db:
+        return db.execute(
+            "SELECT robots.name, joints.name, time_s, curve, Fc_nm, Fs_nm, Vs_rad_s, Fv, beta, temperature_degC FROM "
+            "observations JOIN joints ON joints.id = joint JOIN robots ON robots.id = robot ORDER BY 1, 2, 3"
+        ).fetchall()
+
+
+table("small.csv", week[:600])
+run("learn", "small.csv", "-o", "small.db", "--quiet")
+truth = observed("small.db")
+check("40 curves", len(truth) == 40, len(truth))
+for name in ("foreign.csv", "variable.h5", "fixed.h5"):
+    extra = ["--columns", "columns.yaml"] if name == "foreign.csv" else []
+    run("learn", name, "-o", name + ".db", "--quiet", *extra)
+    found = observed(name + ".db")
+    same = len(found) == len(truth) and all(
+        a[:4] == b[:4] and np.allclose(a[4:], b[4:], rtol=1e-6) for a, b in zip(found, truth)
+    )
+    check(name + ": the same observations", same, (found[:2], truth[:2]))
+    if name.endswith(".h5"):
+        check(name + ": to the bit", found == truth)
+        r = run("learn", "small.csv", "-o", name + ".db", "--json")
+        check(name + ": the CSV brings nothing new", json.loads(r.stdout)["imported"]["known"] == 40, r.stdout[:300])
+with open(path("mixed.csv"), "w") as f:
+    f.write(content("foreign.csv").replace(",", ".", 1))
+refused(
+    "decimal points and commas", ["mixed.csv:", "decimal"], "learn", "mixed.csv", "-o", "new.db", "--columns",
+    "columns.yaml", store="new.db",
+)  # fmt: skip
+refused("foreign names alone", ["foreign.csv:1", "no column robot"], "learn", "foreign.csv", "-o", "new.db", store="x")
+with open(path("wrong.yaml"), "w") as f:
+    f.write("robot: Roboter\n")
+refused(
+    "a name that is not there", ["wrong.yaml", "Roboter"], "learn", "foreign.csv", "-o", "new.db", "--columns",
+    "wrong.yaml", store="x",
+)  # fmt: skip
+with h5py.File(path("bad.h5"), "w") as f:
+    for c, values in zip(names, columns):
+        if c != "friction_nm":
+            f[c] = np.array(values, dtype="S12") if c in ("robot", "joint", "date") else np.array(values, float)
+    f["friction_nm"] = np.array([float(x) if i != 17 else np.nan for i, x in enumerate(columns[6])])
+refused("NaN in HDF5", ["bad.h5: row 18", "not a number"], "learn", "bad.h5", "-o", "new.db", store="x")
+with h5py.File(path("uneven.h5"), "w") as f:
+    f["robot"], f["speed_rad_s"] = np.array(["R1"] * 3, "S2"), np.arange(4.0)
+refused("columns of different length", ["uneven.h5", "rows"], "learn", "uneven.h5", "-o", "new.db", store="x")
+with open(path("damaged.h5"), "wb") as f:
+    f.write(open(path("variable.h5"), "rb").read()[:900])
+refused("a damaged HDF5 file", ["damaged.h5"], "learn", "damaged.h5", "-o", "new.db", store="x")
 
 # ---- Bad data.
 good = week[0].split(",")

@@ -1,11 +1,12 @@
 """tribotwin on MPI ranks: the same bytes as on threads, whatever is killed; one program prints. Arguments: program,
 source tree; kills of the job (default 3), tasks of the job that is killed (default 80), a seed."""
-import glob, json, os, random, re, shutil, signal, subprocess, sys, time
+import glob, json, os, random, re, shutil, signal, sqlite3, subprocess, sys, time
 
 import h5py
 import numpy as np
 
 import harness
+from fleet_plant import Plant
 from harness import check, content, finish, path, work
 from pendulum import PENDULUM
 
@@ -128,6 +129,37 @@ r = harness.run(
 )  # fmt: skip
 check("a hostfile: the same bytes", r.returncode == 0 and files("hosts4") == files("sweep1"), r.stderr)
 check("a hostfile: both machines", all(os.path.isdir(path("tmp-127.0.0.%d" % n)) for n in (2, 3)), os.listdir(work))
+
+
+# A fleet: the store is one file of rank 0.
+def dump(store):
+    with sqlite3.connect(path(store)) as db:
+        return list(db.iterdump())
+
+
+plant = Plant(40, seed=4)
+plant.write(path("healthy.csv"), 8)
+plant.write(path("week.csv"), 6, {("R0003", "joint2"): 0.4})
+stores = {}
+for name, how in {"threads1": ("--threads", "1"), "threads2": ("--threads", "2"), "ranks4": None}.items():
+    store = "fleet_%s.db" % name
+    said = []
+    for command, code in (("learn healthy.csv", 0), ("check week.csv", 3), ("watch", 3)):
+        arguments = ["fleet", *command.split(), "-o", store, "--json"]
+        r = on_ranks(4, *arguments) if how is None else harness.run(program, *arguments, *how)
+        check(
+            "fleet %s, %s" % (command, name),
+            r.returncode == code and '"R0003"' in r.stdout + '"R0003"' * (code == 0),
+            r,
+        )
+        said.append((r.stdout.replace(store, ""), r.stderr))
+    stores[name] = (dump(store), said)
+for name in ("threads2", "ranks4"):
+    check("fleet on %s: the same store" % name, stores[name][0] == stores["threads1"][0])
+    check("fleet on %s: the same words, once" % name, stores[name][1] == stores["threads1"][1], stores[name][1])
+r = on_ranks(3, "fleet", "check", "none.csv", "-o", "fleet_ranks4.db")
+check("fleet: wrong input on ranks", r.returncode == 2 and r.stderr.count("none.csv") == 1, (r.returncode, r.stderr))
+check("fleet: and the store stays", dump("fleet_ranks4.db") == stores["ranks4"][0])
 
 # Errors: said once, the exit code is that of rank 0.
 r = harness.run(

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/diagnosis/fleet/model_text.hpp>
+#include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
 namespace {
@@ -88,7 +89,7 @@ std::string to_text(const TypeModel& t) {
   return j.dump();
 }
 
-TypeModel from_text(const std::string& text) {
+TypeModel from_text(const std::string& text) try {
   const Json j = Json::parse(text);
   TypeModel t{.type = j.at("type"),
               .joint = j.at("joint"),
@@ -106,6 +107,8 @@ TypeModel from_text(const std::string& text) {
     for (std::size_t k = 1; k < all.size(); ++k) t.others[r].push_back(region_of(all.at(k)));
   }
   return t;
+} catch (const Json::exception&) {
+  throw InputError("the store's models are of another version of tribotwin: learn again (tribotwin fleet learn)");
 }
 
 }  // namespace tribotwin::twin::diagnosis::fleet

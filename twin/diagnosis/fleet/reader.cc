@@ -9,8 +9,8 @@
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/diagnosis/fleet/reader.hpp>
 #include <tribotwin/twin/io/input.hpp>
-#include <tribotwin/twin/io/tables/csv.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
+#include <tribotwin/twin/io/tables/rows.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
 namespace {
@@ -52,8 +52,11 @@ class LevelAdder {
   std::optional<std::string> add(const Cells& cells, LevelCurve& c) const {
     for (std::size_t k = 0; k < columns; ++k)
       if (has_[k] && !(cells[k] >= level_columns[k].minimum && cells[k] <= level_columns[k].maximum))
-        return fmt::format("{} is {}; it must be a number within {:g} .. {:g}", level_columns[k].name, cells[k],
-                           level_columns[k].minimum, level_columns[k].maximum);
+        return std::isfinite(cells[k])
+                   ? fmt::format("{} is {}; it must be a number within {:g} .. {:g}", level_columns[k].name, cells[k],
+                                 level_columns[k].minimum, level_columns[k].maximum)
+                   : fmt::format("{} is not a number; measure this level again, or take its whole curve out",
+                                 level_columns[k].name);
     const double v = cells[speed];
     const double friction =
         (v < 0 ? -1 : 1) * (has_[friction_nm] ? cells[friction_nm] : cells[friction_norm] * options_.torque_max_nm);
@@ -77,54 +80,41 @@ class LevelAdder {
 
 Error wrong(const std::string& where, const std::string& what) { return Error(fmt::format("{}: {}", where, what)); }
 
-/// One CSV file of a whole fleet, read line by line.
-class FleetCsv final : public CurveReader {
+/// One table of a whole fleet, read row by row.
+class FleetTable final : public CurveReader {
  public:
   static Result<std::unique_ptr<CurveReader>> open(const fs::path& file, const ReaderOptions& options) {
-    auto lines = tables::CsvLines::open(file);
-    if (!lines) return tl::unexpected(lines.error());
-    const auto header = lines->header();
-    if (!header) return tl::unexpected(header.error());
+    TableRows::Wanted wanted{.texts = {names.begin(), names.end()}, .numbers = {}};
+    for (const auto& c : level_columns) wanted.numbers.emplace_back(c.name);
+    auto rows = TableRows::open(file, wanted, options.columns);
+    if (!rows) return tl::unexpected(rows.error());
     std::array<bool, columns> has{};
-    std::vector<int> meaning;  // of each cell: a column, -1 - a name, or `ignored`
-    std::array<bool, names.size()> named{};
-    for (const auto& head : *header) {
-      const auto level = std::ranges::find(level_columns, head, &ColumnInfo::name) - level_columns.begin();
-      const auto name = std::ranges::find(names, head) - names.begin();
-      meaning.push_back(ignored);
-      if (level < static_cast<std::ptrdiff_t>(columns)) meaning.back() = static_cast<int>(level);
-      if (name < static_cast<std::ptrdiff_t>(names.size())) meaning.back() = -1 - static_cast<int>(name);
-      bool* seen = meaning.back() == ignored ? nullptr
-                   : meaning.back() >= 0     ? &has[static_cast<std::size_t>(level)]
-                                             : &named[static_cast<std::size_t>(name)];
-      if (seen && *seen) return tl::unexpected(wrong(file.string() + ":1", fmt::format("two columns {}", head)));
-      if (seen) *seen = true;
-    }
+    for (std::size_t k = 0; k < columns; ++k) has[k] = (*rows)->has_number(k);
     LevelAdder adder(options, has);
     for (const std::size_t k : {robot, joint, date})
-      if (!named[k])
+      if (!(*rows)->has_text(k))
         return tl::unexpected(wrong(file.string() + ":1", fmt::format("no column {}; a fleet's table has robot, joint, "
                                                                       "date, speed_rad_s, friction_nm, load_norm, "
                                                                       "temperature_degC",
                                                                       names[k])));
     if (const auto problem = adder.lacking()) return tl::unexpected(wrong(file.string() + ":1", *problem));
-    return std::unique_ptr<CurveReader>(new FleetCsv(file, *std::move(lines), std::move(meaning), std::move(adder)));
+    return std::unique_ptr<CurveReader>(new FleetTable(file, *std::move(rows), std::move(adder)));
   }
 
   Result<bool> next(LevelCurve& out) override {
     out = std::exchange(begun_, {});
     for (;;) {
-      std::string_view line;
-      const auto more = lines_.next(line);
+      const auto more = rows_->next();
       if (!more) return tl::unexpected(more.error());
       if (!*more) return !out.speed_rad_s.empty();
-      if (const auto problem = parse(line)) return tl::unexpected(wrong(where(), *problem));
-      const bool same = !out.speed_rad_s.empty() && same_as(out.key);
+      const bool same = !out.speed_rad_s.empty() && same_as_before();
       if (!same) {
-        begun_.file = file_, begun_.line = lines_.number();
-        if (const auto problem = take_key()) return tl::unexpected(wrong(where(), *problem));
+        begun_.file = file_, begun_.line = rows_->line();
+        if (const auto problem = take_key()) return tl::unexpected(wrong(rows_->where(), *problem));
       }
-      if (const auto problem = adder_.add(cells_, same ? out : begun_)) return tl::unexpected(wrong(where(), *problem));
+      for (std::size_t k = 0; k < columns; ++k) cells_[k] = rows_->number(k);
+      if (const auto problem = adder_.add(cells_, same ? out : begun_))
+        return tl::unexpected(wrong(rows_->where(), *problem));
       if (same) continue;
       if (!out.speed_rad_s.empty()) return true;
       out = std::exchange(begun_, {});
@@ -134,55 +124,33 @@ class FleetCsv final : public CurveReader {
  private:
   enum Name { robot, joint, date, type, curve };
   static constexpr std::array<std::string_view, 5> names{"robot", "joint", "date", "type", "curve"};
-  static constexpr int ignored = 1000;
 
-  FleetCsv(const fs::path& file, tables::CsvLines lines, std::vector<int> meaning, LevelAdder adder)
-      : file_(file.string()), lines_(std::move(lines)), meaning_(std::move(meaning)), adder_(std::move(adder)) {}
+  FleetTable(const fs::path& file, std::unique_ptr<TableRows> rows, LevelAdder adder)
+      : file_(file.string()), rows_(std::move(rows)), adder_(std::move(adder)) {}
 
-  std::string where() const { return fmt::format("{}:{}", file_, lines_.number()); }
-
-  std::optional<std::string> parse(std::string_view line) {
-    std::optional<std::string> problem;
-    const auto count = lines_.cells(line, [&](std::size_t column, std::string_view cell) {
-      const int what = column < meaning_.size() ? meaning_[column] : ignored;
-      if (what < 0) {
-        now_[static_cast<std::size_t>(-1 - what)].assign(cell);
-      } else if (what != ignored) {
-        const auto x = to_number(cell);
-        if (!x || !std::isfinite(*x))
-          problem = fmt::format("{} is {}, not a number; measure this level again, or take its whole curve out",
-                                level_columns[static_cast<std::size_t>(what)].name, shown(cell));
-        else
-          cells_[static_cast<std::size_t>(what)] = *x;
-      }
-      return !problem;
-    });
-    if (problem) return problem;
-    if (!count) return count.error().message;
-    if (*count != meaning_.size()) return fmt::format("{} cells but {} columns", *count, meaning_.size());
-    return std::nullopt;
+  bool same_as_before() const {
+    for (std::size_t k = 0; k < names.size(); ++k)
+      if (rows_->text(k) != last_[k]) return false;
+    return true;
   }
 
-  bool same_as(const Key& key) const { return now_ == last_ && !key.robot.empty(); }
-
   std::optional<std::string> take_key() {
+    for (std::size_t k = 0; k < names.size(); ++k) last_[k] = rows_->text(k);
     for (const std::size_t k : {robot, joint})
-      if (now_[k].empty()) return fmt::format("{} is empty; write its name", names[k]);
-    const auto time_s = to_time(now_[date]);
-    if (!time_s) return fmt::format("date is {}; write 2026-11-23 or 2026-11-23T08:17", shown(now_[date]));
-    const auto number = now_[curve].empty() ? 1 : to_integer<std::uint32_t>(now_[curve]);
-    if (!number || *number == 0) return fmt::format("curve is {}; write its number, from 1", shown(now_[curve]));
-    begun_.key = {now_[type], now_[robot], now_[joint], *time_s, *number};
-    last_ = now_;
+      if (last_[k].empty()) return fmt::format("{} is empty; write its name", names[k]);
+    const auto time_s = to_time(last_[date]);
+    if (!time_s) return fmt::format("date is {}; write 2026-11-23 or 2026-11-23T08:17", shown(last_[date]));
+    const auto number = last_[curve].empty() ? 1 : to_integer<std::uint32_t>(last_[curve]);
+    if (!number || *number == 0) return fmt::format("curve is {}; write its number, from 1", shown(last_[curve]));
+    begun_.key = {last_[type], last_[robot], last_[joint], *time_s, *number};
     return std::nullopt;
   }
 
   const std::string file_;
-  tables::CsvLines lines_;
-  const std::vector<int> meaning_;
+  const std::unique_ptr<TableRows> rows_;
   const LevelAdder adder_;
   Cells cells_{};
-  std::array<std::string, names.size()> now_, last_;
+  std::array<std::string, names.size()> last_;
   LevelCurve begun_;
 };
 
@@ -234,7 +202,8 @@ class FleetFolder final : public CurveReader {
     if (!key) return tl::unexpected(key.error());
     std::vector<std::string> wanted{"curve"};
     for (const auto& c : level_columns) wanted.emplace_back(c.name);
-    const auto table = read_numbers(file, wanted);
+    const auto table =
+        read_numbers(file, wanted, {.columns = options_.columns, .torque_constant = {}, .gear_ratio = {}});
     if (!table) return tl::unexpected(table.error());
     if (table->left_out)
       return tl::unexpected(wrong(fmt::format("{}:{}", file.string(), table->first_left_out),
@@ -272,7 +241,7 @@ class FleetFolder final : public CurveReader {
 Result<std::unique_ptr<CurveReader>> open_curves(const fs::path& data, const ReaderOptions& options) {
   std::error_code error;
   if (fs::is_directory(data, error)) return FleetFolder::open(data, options);
-  return FleetCsv::open(data, options);
+  return FleetTable::open(data, options);
 }
 
 }  // namespace tribotwin::twin::diagnosis::fleet

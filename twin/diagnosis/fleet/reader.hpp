@@ -10,7 +10,8 @@
 namespace tribotwin::twin::diagnosis::fleet {
 
 struct ReaderOptions {
-  double torque_max_nm = 0;  ///< turns friction_norm into Nm where there is no friction_nm; 0: not known
+  double torque_max_nm = 0;       ///< turns friction_norm into Nm where there is no friction_nm; 0: not known
+  std::filesystem::path columns;  ///< YAML that maps foreign names; empty: none
 };
 
 class CurveReader {
@@ -20,9 +21,9 @@ class CurveReader {
   virtual Result<bool> next(LevelCurve& curve) = 0;
 };
 
-/// A CSV file with columns robot, joint, date and those of a friction curve (one row per level, rows of one curve
-/// together; optionally type, of the robot, and curve, its number on that date), or a folder ROBOT/JOINT/DATE.csv of
-/// friction curves in any format of tables that diagnose reads.
+/// A CSV file, or an HDF5 file with the same columns as data sets, with columns robot, joint, date and those of a
+/// friction curve (one row per level, rows of one curve together; optionally type, of the robot, and curve, its number
+/// on that date), or a folder ROBOT/JOINT/DATE.csv of friction curves in any format of tables that diagnose reads.
 Result<std::unique_ptr<CurveReader>> open_curves(const std::filesystem::path& data, const ReaderOptions& options);
 
 }  // namespace tribotwin::twin::diagnosis::fleet

@@ -70,18 +70,37 @@ MappedColumn read_entry(Mapping& in, const std::string& key, const std::filesyst
 
 }  // namespace
 
-Result<std::vector<MappedColumn>> read_column_map(const std::filesystem::path& file) try {
+Result<std::vector<MappedColumn>> read_column_map(const std::filesystem::path& file,
+                                                  const std::vector<std::string>& texts) try {
   Mapping in(file.string(), "", load_yaml(file));
   std::vector<MappedColumn> all;
+  bool any_text = false;
   for (const auto& key : in.names()) {
+    if (std::ranges::find(texts, key) != texts.end()) {
+      any_text = !in.text(key).empty();
+      continue;
+    }
     auto entry = read_entry(in, key, file);
     if (const auto twice = std::ranges::find(all, entry.name.text(), [](const auto& m) { return m.name.text(); });
         twice != all.end())
       in.fail(key, fmt::format("is {}, which is mapped from {} already", entry.name.text(), shown(twice->from)));
     all.push_back(std::move(entry));
   }
-  if (all.empty()) throw InputError(fmt::format("{}: maps no column", file.string()));
+  if (all.empty() && !any_text) throw InputError(fmt::format("{}: maps no column", file.string()));
   in.done();
+  return all;
+} catch (const InputError& e) {
+  return tl::unexpected(Error(e.what()));
+}
+
+Result<std::vector<std::string>> read_text_map(const std::filesystem::path& file,
+                                               const std::vector<std::string>& texts) try {
+  Mapping in(file.string(), "", load_yaml(file));
+  std::vector<std::string> all;
+  for (const auto& key : texts) {
+    all.push_back(in.has(key) ? in.text(key) : "");
+    if (in.has(key) && all.back().empty()) in.fail(key, "must name a column of the table");
+  }
   return all;
 } catch (const InputError& e) {
   return tl::unexpected(Error(e.what()));

@@ -30,6 +30,12 @@ struct MappedColumn {
 ///     time_s: {from: Timestamp, unit: iso8601}                       # or {rate_hz: 500}, where the table has no time
 ///
 /// Fails with file, line and key.
-Result<std::vector<MappedColumn>> read_column_map(const std::filesystem::path& file);
+/// `texts`: keys that stand for columns of text and are left out here.
+Result<std::vector<MappedColumn>> read_column_map(const std::filesystem::path& file,
+                                                  const std::vector<std::string>& texts = {});
+
+/// The foreign names of columns of text, in their order; empty where the file does not map one.
+Result<std::vector<std::string>> read_text_map(const std::filesystem::path& file,
+                                               const std::vector<std::string>& texts);
 
 }  // namespace tribotwin::twin

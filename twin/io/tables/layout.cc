@@ -56,9 +56,9 @@ Result<std::vector<MappedColumn>> expanded(std::vector<MappedColumn> map, const 
 }
 
 /// Entries of --columns take the place of what the headers say.
-Status apply_map(Layout& layout, const std::filesystem::path& file) {
+Status apply_map(Layout& layout, const std::filesystem::path& file, const std::vector<std::string>& texts) {
   if (file.empty()) return {};
-  auto given = read_column_map(file);
+  auto given = read_column_map(file, texts);
   if (!given) return tl::unexpected(given.error());
   const auto map = expanded(std::move(*given), layout);
   if (!map) return tl::unexpected(map.error());
@@ -257,10 +257,11 @@ Result<std::vector<Pick>> Layout::picks(const std::vector<std::string>& wanted) 
 }
 
 Result<Layout> lay_out(const std::filesystem::path& file, const std::vector<std::string>& headers,
-                       const std::vector<std::string>& wanted, const TableOptions& options) {
+                       const std::vector<std::string>& wanted, const TableOptions& options,
+                       const std::vector<std::string>& texts) {
   Layout layout{.file = file, .headers = headers, .columns = {}};
   for (const auto& header : headers) layout.columns.push_back(by_name(header));
-  if (auto ok = apply_map(layout, options.columns); !ok) return tl::unexpected(ok.error());
+  if (auto ok = apply_map(layout, options.columns, texts); !ok) return tl::unexpected(ok.error());
   if (auto ok = apply_torque_constant(layout, options); !ok) return tl::unexpected(ok.error());
   if (auto ok = refuse_twice(layout); !ok) return tl::unexpected(ok.error());
   if (auto ok = choose_joint(layout, wanted, options.joint); !ok) return tl::unexpected(ok.error());

@@ -31,7 +31,9 @@ struct Layout {
   Result<std::vector<Pick>> picks(const std::vector<std::string>& wanted) const;
 };
 
+/// `texts`: names of columns of text, which the file of --columns may map too.
 Result<Layout> lay_out(const std::filesystem::path& file, const std::vector<std::string>& headers,
-                       const std::vector<std::string>& wanted, const TableOptions& options);
+                       const std::vector<std::string>& wanted, const TableOptions& options,
+                       const std::vector<std::string>& texts = {});
 
 }  // namespace tribotwin::twin::tables
