@@ -62,8 +62,9 @@ r = run("check", "week.csv", "-o", "plant.db", "--json", code=3)
 checked = json.loads(r.stdout)
 found = {(j["robot"], j["joint"]): j for j in checked["joints"]}
 check("all are judged, those without curves of their own included", checked["judged"] == 120, checked["judged"])
-# Deviations of days hide 3 % of wear now and then: with 8 joints and 5 % false discoveries one of each is chance.
-hits = lambda listed: len(set(worn) & set(listed)) >= 7 and len(set(listed) - set(worn)) <= 1
+# Deviations of days hide 3 % of wear now and then: with 8 joints one is chance. Features of fitted curves are not normal:
+# on such plants 10 % of the listed joints are healthy (README), so that two are chance.
+hits = lambda listed: len(set(worn) & set(listed)) >= 7 and len(set(listed) - set(worn)) <= 2
 check("the worn joints are listed", hits(found), list(found))
 for joint in set(worn) & set(found):
     j = found[joint]
@@ -137,9 +138,10 @@ check("--replace", json.loads(r.stdout)["imported"]["replaced"] == 1, r.stdout[:
 # ---- The same curves from a CSV with decimal commas and foreign names, and from HDF5 files: the same observations.
 names = HEADER.split(",")
 foreign = ["Anlage", "Achse", "Tag", "n_rpm", "Last", "T_K", "M", "s"]
+small = [row for row in week if row < "R0010"]
 with open(path("foreign.csv"), "w") as f:
     f.write(";".join(foreign) + "\n")
-    for row in csv.DictReader(week[:600], fieldnames=names):
+    for row in csv.DictReader(small, fieldnames=names):
         cells = [row[c] for c in names]
         cells[3] = repr(float(cells[3]) * 30 / np.pi)
         cells[5] = repr(float(cells[5]) + 273.15)
@@ -149,7 +151,7 @@ with open(path("columns.yaml"), "w") as f:
         "robot: Anlage\njoint: Achse\ndate: Tag\nspeed_rad_s: {from: n_rpm, unit: rpm}\nload_norm: Last\n"
         "temperature_degC: {from: T_K, unit: K}\nfriction_nm: M\nstderr_nm: s\n"
     )
-columns = list(zip(*(row.split(",") for row in week[:600])))
+columns = list(zip(*(row.split(",") for row in small)))
 for name, text in (("variable.h5", h5py.string_dtype()), ("fixed.h5", "S12")):
     with h5py.File(path(name), "w") as f:
         for c, values in zip(names, columns):
@@ -164,10 +166,10 @@ def observed(store):
         ).fetchall()
 
 
-table("small.csv", week[:600])
+table("small.csv", small)
 run("learn", "small.csv", "-o", "small.db", "--quiet")
 truth = observed("small.db")
-check("40 curves", len(truth) == 40, len(truth))
+check("200 curves", len(truth) == 200, len(truth))
 for name in ("foreign.csv", "variable.h5", "fixed.h5"):
     extra = ["--columns", "columns.yaml"] if name == "foreign.csv" else []
     run("learn", name, "-o", name + ".db", "--quiet", *extra)
@@ -179,7 +181,7 @@ for name in ("foreign.csv", "variable.h5", "fixed.h5"):
     if name.endswith(".h5"):
         check(name + ": to the bit", found == truth)
         r = run("learn", "small.csv", "-o", name + ".db", "--json")
-        check(name + ": the CSV brings nothing new", json.loads(r.stdout)["imported"]["known"] == 40, r.stdout[:300])
+        check(name + ": the CSV brings nothing new", json.loads(r.stdout)["imported"]["known"] == 200, r.stdout[:300])
 with open(path("mixed.csv"), "w") as f:
     f.write(content("foreign.csv").replace(",", ".", 1))
 refused(
