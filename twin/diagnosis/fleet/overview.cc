@@ -6,6 +6,8 @@
 #include <Eigen/Dense>
 #include <fmt/format.h>
 
+#include <tribotwin/twin/diagnosis/fleet/judge.hpp>
+#include <tribotwin/twin/diagnosis/fleet/model_text.hpp>
 #include <tribotwin/twin/diagnosis/fleet/overview.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
@@ -168,8 +170,8 @@ Overview overview_of(const std::filesystem::path& file, const SurveyOptions& opt
   Overview o;
   o.past = store.checks();
   try {
-    o.check = check_fleet(store, options);
-    o.watch = watch_fleet(store, options);
+    o.check = check_fleet(&store, options);
+    o.watch = watch_fleet(&store, options);
   } catch (const InputError& e) {
     throw InputError(fmt::format("{}: {}", file.string(), e.what()));
   }
@@ -189,7 +191,11 @@ std::vector<Detail> details_of(const std::filesystem::path& file, const std::vec
   Pools pools(store);
   const CusumTail tail;
   std::map<TypeKey, TypeModel> models;
-  for (auto& m : store.models()) models.emplace(TypeKey{m.type, m.joint}, std::move(m));
+  for (const auto& text : store.model_texts()) {
+    auto m = from_text(text);
+    const TypeKey key{m.type, m.joint};
+    models.emplace(key, std::move(m));
+  }
   std::map<std::int64_t, JointName> names;
   for (auto& j : store.joints()) names.emplace(j.id, std::move(j));
   const std::int64_t end = options.time_s ? *options.time_s : store.newest().value_or(ever);
@@ -202,9 +208,9 @@ std::vector<Detail> details_of(const std::filesystem::path& file, const std::vec
     d.track.level = level_of(pools(d.track.joint), d.track.healthy);
     if (const auto model = models.find({d.track.joint.type, d.track.joint.joint}); model != models.end())
       for (const auto& step :
-           watch_joint(model->second, d.track.healthy, d.track.recent, tail, chart_stops_learning).steps) {
+           Judge(model->second).watch(d.track.healthy, d.track.recent, tail, chart_stops_learning).steps) {
         d.cusum.day.push_back(step.day);
-        d.cusum.sum.push_back(std::max(step.sum[0], step.sum[1]));
+        d.cusum.sum.push_back(step.sum);
       }
     all.push_back(std::move(d));
   }
