@@ -62,8 +62,8 @@ r = run("check", "week.csv", "-o", "plant.db", "--json", code=3)
 checked = json.loads(r.stdout)
 found = {(j["robot"], j["joint"]): j for j in checked["joints"]}
 check("all are judged, those without curves of their own included", checked["judged"] == 120, checked["judged"])
-# Deviations of days hide 3 % of wear now and then: with 8 joints one is chance. Features of fitted curves are not normal:
-# on such plants 10 % of the listed joints are healthy (README), so that two are chance.
+# Deviations of days hide 3 % of wear now and then: with 8 joints one is chance. On plants of fitted curves 10 % of the
+# listed joints are healthy (README), so that two are chance.
 hits = lambda listed: len(set(worn) & set(listed)) >= 7 and len(set(listed) - set(worn)) <= 2
 check("the worn joints are listed", hits(found), list(found))
 for joint in set(worn) & set(found):
