@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <optional>
 
@@ -59,13 +61,27 @@ Result<Exit> show_status(const Arguments& a) {
 struct Sample {
   sweep::RunResult made;
   double one_s = 0, memory_MB = 0;  ///< memory: the largest that this process had
+  double record_MB = 0;             ///< on disk, of a plan with telemetry
 };
 
-/// Run 0, to time it; writes nothing.
+/// Run 0, to time it; keeps nothing.
 Sample sample_of(const sweep::Plan& plan) {
+  namespace fs = std::filesystem;
+  std::string folder;
+  if (plan.telemetry) {
+    folder = (fs::temp_directory_path() / "tribotwin-sweep-XXXXXX").string();
+    if (!::mkdtemp(folder.data())) throw std::runtime_error(fmt::format("{}: cannot be created", folder));
+  }
   const auto start = std::chrono::steady_clock::now();
-  Sample sample{.made = or_throw(sweep::make_run(plan, 0, &interrupted()))};
-  sample.one_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const auto made = sweep::make_run(plan, 0, &interrupted(), folder);
+  const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - start;
+  Sample sample{.one_s = spent.count()};
+  if (plan.telemetry) {
+    for (const auto& file : fs::directory_iterator(folder))
+      sample.record_MB += static_cast<double>(file.file_size()) / 1e6;
+    fs::remove_all(folder);
+  }
+  sample.made = or_throw(made);
   rusage usage{};
   ::getrusage(RUSAGE_SELF, &usage);
   sample.memory_MB = static_cast<double>(usage.ru_maxrss) / 1024;
@@ -89,6 +105,7 @@ Result<Exit> foretell(const Arguments& a, const sweep::Plan& plan) {
                         {"seconds_of_one", sample.one_s},
                         {"seconds", all_s},
                         {"memory_MB", sample.memory_MB},
+                        {"telemetry_MB", sample.record_MB * static_cast<double>(plan.runs)},
                         {"status", sample.made.status},
                         {"message", sample.made.message}}
                        .dump(2) +
@@ -97,6 +114,7 @@ Result<Exit> foretell(const Arguments& a, const sweep::Plan& plan) {
         seconds(sample.one_s), sample.memory_MB, sample.made.status, sample.made.message.empty() ? "" : ": ",
         sample.made.message, several > 1 ? fmt::format("{} ranks of ", several) : "", threads, threads == 1 ? "" : "s",
         seconds(all_s));
+  if (plan.telemetry) print("telemetry of all runs: {:.3g} MB\n", sample.record_MB * static_cast<double>(plan.runs));
   for (std::size_t o = 0; o < sample.made.outputs.size(); ++o)
     print("{} = {}\n", plan.outputs[o].name, sample.made.outputs[o]);
   if (auto ok = worked(sample); !ok) return tl::unexpected(ok.error());

@@ -17,8 +17,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double most_runs = 1e7, most_values = 2e8;  ///< numbers of a design: 1.6 GB
-constexpr std::string_view keys_of_a_plan[] = {"scenario", "set",  "factors",   "parameters", "design",
-                                               "outputs",  "stop", "quantiles", "bands",      "description"};
+constexpr std::string_view keys_of_a_plan[] = {"scenario", "set",       "factors",    "parameters",
+                                               "design",   "outputs",   "stop",       "quantiles",
+                                               "bands",    "telemetry", "description"};
 /// That a sweep adds to the plan in its campaign.yaml.
 constexpr const char* keys_of_a_campaign[] = {"resolved_scenario", "parameters_crc32", "runs"};
 
@@ -38,6 +39,7 @@ class Reader {
       plan_.name = plan_.file.stem().string();
     in_.accept(accepted);
     plan_.description = in_.text_or("description", "");
+    plan_.telemetry = in_.flag_or("telemetry", false);
     read_scenario();
     read_set();
     read_factors();

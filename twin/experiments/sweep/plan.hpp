@@ -36,6 +36,7 @@ struct Plan {
   std::vector<double> quantiles;
   std::vector<std::pair<std::size_t, double>> narrower_than;  ///< stop: output, width of the interval of its mean
   std::optional<std::size_t> failures;                        ///< stop where more runs fail
+  bool telemetry = false;                                     ///< every run's record is kept
   /// Of a typical run: factors at the value that is tried first.
   std::shared_ptr<const mujoco::Model> model;
   YAML::Node resolved;  ///< all that results depend on

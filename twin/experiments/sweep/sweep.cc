@@ -46,18 +46,27 @@ bool is_run(const Plan& plan, std::size_t run, const std::string& text) {
          std::ranges::all_of(result->bands, [&](const auto& band) { return band.size() == plan.band_times_s.size(); });
 }
 
+/// Whether what the plan asks to be kept of a finished run is there.
+bool has_record(const Plan& plan, const fs::path& directory, std::size_t run, const std::string& text) {
+  std::error_code error;
+  return !plan.telemetry || from_line(run, text)->failed() ||
+         fs::exists(record_of(directory, run) / "telemetry.h5", error);
+}
+
 /// `earlier`: of this call; what failed there is not tried again.
-ResumableJobs jobs_of(const Plan& plan, std::size_t count, const std::vector<RunResult>& earlier,
-                      const std::atomic<bool>* stop) {
+ResumableJobs jobs_of(const Plan& plan, const fs::path& directory, std::size_t count,
+                      const std::vector<RunResult>& earlier, const std::atomic<bool>* stop) {
   ResumableJobs jobs{.folder = folder, .files = {}, .whole = {}, .make = {}};
   if (!plan.name.empty())
     jobs.origin = {origin_file,
                    fmt::format("plan: {}\ndescription: {}\n", quoted(plan.name), quoted(plan.description))};
   for (std::size_t r = 0; r < count; ++r) jobs.files.push_back(file_of(r));
-  jobs.whole = [&plan](std::size_t run, const std::string& text) { return is_run(plan, run, text); };
-  jobs.make = [&plan, &earlier, stop](std::size_t run) -> Result<std::string> {
+  jobs.whole = [&plan, directory](std::size_t run, const std::string& text) {
+    return is_run(plan, run, text) && has_record(plan, directory, run, text);
+  };
+  jobs.make = [&plan, &earlier, directory, stop](std::size_t run) -> Result<std::string> {
     if (run < earlier.size()) return tl::unexpected(Error(earlier[run].message));
-    const auto made = make_run(plan, run, stop);
+    const auto made = make_run(plan, run, stop, plan.telemetry ? record_of(directory, run) : fs::path());
     if (!made) return tl::unexpected(made.error());
     if (made->another_attempt) return work_failed(made->message);
     return to_line(run, *made);
@@ -114,12 +123,18 @@ Result<void> write_results(const Plan& plan, const LabOptions& options, SweepRes
 
 }  // namespace
 
-Result<RunResult> make_run(const Plan& plan, std::size_t run, const std::atomic<bool>* stop) {
+fs::path record_of(const fs::path& directory, std::size_t run) {
+  return directory / "telemetry" / fmt::format("{:07}", run);
+}
+
+Result<RunResult> make_run(const Plan& plan, std::size_t run, const std::atomic<bool>* stop,
+                           const fs::path& directory) {
   if (stop && *stop) return work_failed("interrupted");
   const auto scenario = load_scenario(plan.scenario, plan.settings(run));
   if (!scenario) return failed(scenario.error());
   Collector collector(*scenario, plan.outputs, plan.bands, plan.band_times_s);
-  RunOptions options{.directory = {}, .stop = stop, .progress = {}, .sample = {}, .cycle = {}};
+  RunOptions options{
+      .directory = directory, .existing = Existing::replace, .stop = stop, .progress = {}, .sample = {}, .cycle = {}};
   collector.listen(options);
   const auto summary = twin::run(*scenario, options);
   if (!summary) return failed(summary.error());
@@ -143,7 +158,7 @@ Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const
     const double share_of_all = static_cast<double>(end) / static_cast<double>(plan.runs);
     if (options.progress)
       batch.progress = [&](double share, double left) { options.progress(share * share_of_all, left / share_of_all); };
-    auto completed = complete(identity, jobs_of(plan, end, out.runs, stop), batch);
+    auto completed = complete(identity, jobs_of(plan, options.directory, end, out.runs, stop), batch);
     if (!completed) return tl::unexpected(completed.error());
     if (!present || completed->present > out.runs.size()) present = completed->present;
     lock = completed->lock;

@@ -15,8 +15,9 @@
 namespace tribotwin::twin::sweep {
 
 /// One run in memory. A run that cannot be made is a result with status `failed`. ErrorKind::work only where `stop`
-/// ended it.
-Result<RunResult> make_run(const Plan& plan, std::size_t run, const std::atomic<bool>* stop = nullptr);
+/// ended it. With a directory, which then holds its record as `tribotwin run` writes it: in place of an earlier one.
+Result<RunResult> make_run(const Plan& plan, std::size_t run, const std::atomic<bool>* stop = nullptr,
+                           const std::filesystem::path& directory = {});
 
 struct SweepResult {
   std::vector<RunResult> runs;  ///< in order; fewer than the plan's where a stop rule ended the sweep
@@ -25,6 +26,9 @@ struct SweepResult {
   std::string statistics;       ///< statistics.json
   std::vector<std::filesystem::path> files;
 };
+
+/// Where a sweep with `telemetry` keeps the record of a run.
+std::filesystem::path record_of(const std::filesystem::path& directory, std::size_t run);
 
 /// Makes the runs that the directory lacks and writes results.csv, results.h5, statistics.json and, with bands,
 /// bands.csv. Stop rules are looked at after 32 runs (of a design with indices: whole base points) and each time that a

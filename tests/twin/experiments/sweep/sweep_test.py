@@ -144,6 +144,32 @@ check("killed processes: the same bytes", bytes_of("crash") == bytes_of("whole")
 status = json.loads(run("-o", "kill", "--status", "--json").stdout)
 check("--status after it", status["finished"] and status["present"] == 40 and status["failed"] == 0, status)
 
+# ---- Records of all runs on request.
+write("records.yaml", SMALL + "telemetry: true\n")
+r = run("records.yaml", "--dry-run", "--json")
+foretold_MB = json.loads(r.stdout)["telemetry_MB"]
+r = run("records.yaml", "-o", "records", "--quiet")
+# results.h5 names its plan.
+same = [a == b for a, b in zip(bytes_of("records"), bytes_of("one"))]
+check("telemetry: the same results", r.returncode == 0 and same == [True, False, True, True], (same, r.stderr))
+folders = sorted(os.listdir(path("records", "telemetry")))
+check("telemetry: a folder per run", folders == ["%07d" % i for i in range(40)], folders)
+with h5py.File(path("records/telemetry/0000007/telemetry.h5")) as file:
+    check("telemetry: that of --run", np.array_equal(file["hinge/friction_nm"], f))
+MB = (
+    sum(
+        os.path.getsize(path("records/telemetry", n, k))
+        for n in folders
+        for k in os.listdir(path("records/telemetry", n))
+    )
+    / 1e6
+)
+check("telemetry: --dry-run foretells its size", abs(foretold_MB / MB - 1) < 0.1, (foretold_MB, MB))
+os.remove(path("records/telemetry/0000007/telemetry.h5"))
+r = run("records.yaml", "-o", "records")
+check("telemetry: a lost record is made again", "39 of them from earlier calls" in r.stdout, r.stdout)
+check("telemetry: and is there", os.path.exists(path("records/telemetry/0000007/telemetry.h5")))
+
 # ---- Failed runs: the rest is complete, and the exit code says it.
 write("wide.yaml", SMALL.replace("{normal: [0.03, 0.002]}", "{normal: [0.03, 0.03]}"))
 r = run("wide.yaml", "-o", "wide")
