@@ -211,7 +211,7 @@ std::vector<double> on_time(const Speeds& x, double delay_s) {
 std::pair<double, double> delay_of(const std::vector<Speeds>& stretches) {
   constexpr int rounds = 4, least_parts = 8;
   constexpr double part_s = 0.5, longest_s = 0.1;
-  const std::pair<double, double> unknown{0, std::numeric_limits<double>::infinity()};
+  const std::pair<double, double> not_measured{0, std::numeric_limits<double>::infinity()};
   double delay_s = 0;
   for (int round = 0;; ++round) {
     std::vector<double> parts;
@@ -227,12 +227,12 @@ std::pair<double, double> delay_of(const std::vector<Speeds>& stretches) {
         slopes += by_time * (v[i + 1] - v[i - 1]) * x.rate_hz / 2;
       }
     }
-    if (std::ssize(parts) < least_parts || !(slopes > 0)) return unknown;
+    if (std::ssize(parts) < least_parts || !(slopes > 0)) return not_measured;
     double squares = 0;
     for (const double x : parts) all += x, squares += x * x;
     if (round == rounds) return {delay_s, std::sqrt(squares) / slopes};
     delay_s += all / slopes;
-    if (!(std::abs(delay_s) < longest_s)) return unknown;
+    if (!(std::abs(delay_s) < longest_s)) return not_measured;
   }
 }
 
