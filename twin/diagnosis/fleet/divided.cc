@@ -18,7 +18,7 @@ auto columns_of(Curve& c) {
                     &c.stderr_nm,   &c.ripple_nm,   &c.lost_motion_rad};
 }
 
-void put(BytesOut& out, const std::optional<double>& x) { out.put(x.has_value()).put(x.value_or(0)); }
+void put_optional(BytesOut& out, const std::optional<double>& x) { out.put(x.has_value()).put(x.value_or(0)); }
 std::optional<double> get_optional(BytesIn& in) {
   const bool has = in.get<bool>();
   const double x = in.get<double>();
@@ -57,8 +57,8 @@ LevelCurve get_curve(BytesIn& in) {
 void put(BytesOut& out, const Observation& o) {
   for (const double x : o.features.reshaped()) out.put(x);
   for (const double x : o.shape.reshaped()) out.put(x);
-  put(out, o.temperature_degC);
-  for (const auto& x : o.indicators) put(out, x);
+  put_optional(out, o.temperature_degC);
+  for (const auto& x : o.indicators) put_optional(out, x);
   out.put(o.residual_nm).put<std::uint64_t>(o.weak.size());
   for (const auto& name : o.weak) out.put(std::string_view(name));
 }

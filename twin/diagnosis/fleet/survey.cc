@@ -308,13 +308,13 @@ class DailyLists {
 
 /// The last step of every day, with p where it may be listed.
 void put_days(BytesOut& out, const Chart& chart, double rate) {
-  const auto& steps = chart.steps;
-  for (std::size_t i = 0; i < steps.size(); ++i) {
-    const double day = std::floor(steps[i].day);
-    if (i + 1 < steps.size() && std::floor(steps[i + 1].day) == day) continue;
-    const bool candidate = smallest(steps[i].p) <= rate;
-    out.put(day).put(steps[i].sum).put(candidate);
-    if (candidate) put(out, steps[i].p);
+  const auto& all = chart.steps;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const double day = std::floor(all[i].day);
+    if (i + 1 < all.size() && std::floor(all[i + 1].day) == day) continue;
+    const bool candidate = smallest(all[i].p) <= rate;
+    out.put(day).put(all[i].sum).put(candidate);
+    if (candidate) put(out, all[i].p);
   }
 }
 /// Calls each(day, p) for every day; returns the last one where it may be listed.

@@ -16,7 +16,7 @@ constexpr double longest_s = 12 * 3600;  // that most partitions allow; a longer
 constexpr double start_s = 600;          // for a slow disk, and the notice before the end
 
 /// In single quotes, for bash.
-std::string quoted(const fs::path& path) {
+std::string in_quotes(const fs::path& path) {
   std::string text = "'";
   for (const char c : path.string()) text += c == '\'' ? std::string("'\\''") : std::string(1, c);
   return text + "'";
@@ -112,7 +112,7 @@ Result<std::string> sbatch(const BatchJob& job) {
   std::string text = "#!/bin/bash\n";
   text += fmt::format("# A sweep of {} runs on {} rank{} of {} thread{}. State of it: tribotwin sweep -o {} --status\n",
                       job.runs, job.ranks, job.ranks == 1 ? "" : "s", job.threads, job.threads == 1 ? "" : "s",
-                      quoted(job.directory));
+                      in_quotes(job.directory));
   text += fmt::format(
       "# One run took {:.3g} s where this was written; that makes {:.3g} min for all. --time is more, because other\n"
       "# machines and other runs differ.\n",
@@ -129,7 +129,8 @@ Result<std::string> sbatch(const BatchJob& job) {
   text +=
       fmt::format("# If your cluster asks for them: --partition, --account, --mem-per-cpu (one run took {:.0f} MB).\n",
                   job.memory_MB);
-  text += fmt::format("program={}\nplan={}\nfolder={}\n", quoted(job.program), quoted(job.plan), quoted(job.directory));
+  text += fmt::format("program={}\nplan={}\nfolder={}\n", in_quotes(job.program), in_quotes(job.plan),
+                      in_quotes(job.directory));
   return text + script;
 }
 
