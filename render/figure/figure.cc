@@ -272,7 +272,7 @@ std::string matrix(const Figure& f, FigureSize size) {
       const double v = m.values[i][k], x = static_cast<double>(k), y = static_cast<double>(i);
       const Colour fill = i == k || std::isnan(v) ? theme::grid : diverging(v);
       std::string number = i == k ? "1" : std::isnan(v) ? "–" : correlation(v);
-      if (i != k && std::abs(v) >= 0.9) number = "{/:Bold " + number + "}";
+      if (i != k && std::abs(v) >= 0.9) number = fmt::format("{{/:Bold {}}}", number);
       s += fmt::format("set object rectangle from {},{} to {},{} fillcolor rgb '{}' fillstyle solid border rgb '{}'\n",
                        x - 0.48, y - 0.47, x + 0.48, y + 0.47, hex(fill), hex(theme::paper));
       s += fmt::format("set label {} at {},{} center front textcolor '{}'\n", quoted("{/*0.9 " + number + "}"), x, y,

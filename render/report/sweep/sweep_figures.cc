@@ -258,8 +258,8 @@ std::optional<Drawing> surface_over(const SweepView& view, std::size_t output, s
   const Sampled s = sampled(view, output, key, other);
   const auto n = static_cast<Eigen::Index>(s.z.size());
   if (view.sweep.design == "grid" || n < 12 || !varies(s.x) || !varies(s.y) || !varies(s.z)) return {};
-  const auto [x_low, x_high] = std::ranges::minmax(s.x);
-  const auto [y_low, y_high] = std::ranges::minmax(s.y);
+  const auto x_ends = std::ranges::minmax(s.x), y_ends = std::ranges::minmax(s.y);
+  const double x_low = x_ends.min, x_high = x_ends.max, y_low = y_ends.min, y_high = y_ends.max;
   const auto terms = [&](double x, double y) {
     const double a = 2 * (x - x_low) / (x_high - x_low) - 1, b = 2 * (y - y_low) / (y_high - y_low) - 1;
     return Eigen::Vector<double, 6>{1, a, b, a * a, a * b, b * b};
