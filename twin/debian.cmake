@@ -42,6 +42,9 @@ set(CPACK_DEBIAN_DEV_PACKAGE_SHLIBDEPS OFF)   # static libraries: their packages
 string(JOIN ", " CPACK_DEBIAN_DEV_PACKAGE_DEPENDS libmujoco-dev libqhull-dev libgl-dev libopengl-dev libeigen3-dev
   libpugixml-dev libyaml-cpp-dev libfmt-dev nlohmann-json3-dev libhdf5-dev libzip-dev libmatio-dev liblz4-dev
   libzstd-dev libsqlite3-dev libexpected-dev libceres-dev libboost-dev)
+if(TRIBOTWIN_PQXX_FOUND)
+  string(APPEND CPACK_DEBIAN_DEV_PACKAGE_DEPENDS ", libpqxx-dev")
+endif()
 set(CPACK_COMPONENT_DEV_DESCRIPTION "Headers, static libraries and CMake files: friction laws, heat, gears and
 drives, the twin that is stepped in a loop of your own, identification.")
 

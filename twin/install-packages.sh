@@ -8,7 +8,7 @@ packages=(
   nlohmann-json3-dev libhdf5-dev libexpected-dev
   libzip-dev libmatio-dev                              # tables in .npz and .mat
   liblz4-dev libzstd-dev                               # chunks of .mcap
-  libsqlite3-dev                                       # the store of a fleet
+  libsqlite3-dev libpqxx-dev                           # the store of a fleet: a file, or PostgreSQL
   libceres-dev libboost-dev                            # identification: trust region, distributions
   libosmesa6-dev liblodepng-dev libpango1.0-dev pkg-config   # pictures
   gnuplot-nox fonts-dejavu-core                              # run by tribotwin-report
@@ -23,6 +23,7 @@ if [ "${1:-}" = --tests ]; then
     dpkg-dev lintian   # Debian packages
     libopenmpi-dev openmpi-bin   # programs on several ranks
     slurmctld slurmd slurm-client   # a job of a cluster
+  postgresql-15   # a fleet's store in a database
   )
 fi
 missing=()

@@ -4,6 +4,7 @@
 
 #include <tribotwin/render/commands/page.hpp>
 #include <tribotwin/render/report/fleet/fleet_report.hpp>
+#include <tribotwin/twin/diagnosis/fleet/database/database.hpp>
 #include <tribotwin/twin/diagnosis/fleet/level_curve.hpp>
 
 namespace tribotwin::render::program {
@@ -15,6 +16,9 @@ struct Arguments : PageOptions {
 };
 
 int execute(Arguments a, const std::string& command_line) {
+  if (twin::diagnosis::fleet::is_url(a.store))
+    throw twin::InputError(fmt::format("{}: a page is made of a store in a file, not in a database",
+                                       twin::diagnosis::fleet::without_password(a.store)));
   if (!a.date.empty()) {
     a.fleet.survey.time_s = twin::diagnosis::fleet::to_time(a.date);
     if (!a.fleet.survey.time_s)

@@ -42,6 +42,7 @@ ORDER = {
         "identification/experiment_design",
         "gears",
         "diagnosis",
+        "diagnosis/fleet/database",
         "diagnosis/fleet",
         "experiments",
         "experiments/friction",

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/diagnosis/fleet/database/database.hpp>
 #include <tribotwin/twin/diagnosis/fleet/survey.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
 #include <tribotwin/twin/numerics/executor/ranks.hpp>
@@ -63,7 +64,10 @@ Result<Exit> learn(const Arguments& a) {
   std::vector<std::string> notes;
   const auto models = learn_fleet(*store, notes);
   store->commit();
-  Json j{{"files", {a.store}}, {"imported", json_of(data)}, {"models", Json::array()}, {"notes", notes}};
+  Json j{{"files", Json::array({without_password(a.store)})},
+         {"imported", json_of(data)},
+         {"models", Json::array()},
+         {"notes", notes}};
   TextTable table({TextTable::left("type"), TextTable::left("joint"), TextTable::right("robots"),
                    TextTable::right("curves"), TextTable::left("degC"), TextTable::right("between robots, Fc %"),
                    TextTable::right("day to day, Fc %"), TextTable::right("persistence per day")});
@@ -191,7 +195,10 @@ void prepare(Arguments& a) {
 }
 
 void add_common(CLI::App& c, Arguments& a) {
-  c.add_option("-o,--output", a.store, "The fleet's store (SQLite), which is made or added to")->required();
+  c.add_option("-o,--output", a.store,
+               "The fleet's store, which is made or added to: a file (SQLite), or postgresql://USER@HOST:PORT/DATABASE "
+               "with the password in PGPASSWORD or ~/.pgpass")
+      ->required();
   c.add_flag("--replace", a.import.replace, "A curve that differs from the one in the store takes its place");
   c.add_option("--columns", a.columns,
                "YAML that maps foreign column names: robot: FOREIGN, speed_rad_s: {from: FOREIGN, unit: rpm}");

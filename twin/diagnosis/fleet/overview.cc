@@ -166,7 +166,7 @@ double HealthyLevel::departure(const Row& row, int feature) const {
 
 Overview overview_of(const std::filesystem::path& file, const SurveyOptions& options) {
   require_store(file);
-  Store store(file);  // without commit(): what the surveys write into it is gone at the end
+  Store store(file.string());  // without commit(): what the surveys write into it is gone at the end
   Overview o;
   o.past = store.checks();
   try {
@@ -187,7 +187,7 @@ Overview overview_of(const std::filesystem::path& file, const SurveyOptions& opt
 std::vector<Detail> details_of(const std::filesystem::path& file, const std::vector<std::int64_t>& ids,
                                const SurveyOptions& options) {
   require_store(file);
-  Store store(file);
+  Store store(file.string());
   Pools pools(store);
   const CusumTail tail;
   std::map<TypeKey, TypeModel> models;

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
@@ -8,9 +7,9 @@
 #include <tribotwin/twin/diagnosis/fleet/judge.hpp>
 #include <tribotwin/twin/diagnosis/fleet/level_curve.hpp>
 
-/// What is known of a fleet, in one file: robots, observations, models, verdicts, notes. All of a session or nothing of
-/// it is kept, whatever happens. Throws InputError where the file is no store, std::runtime_error where the machine
-/// fails. Nothing outside of store.cc knows that it is SQLite.
+/// What is known of a fleet, in one file or database: robots, observations, models, verdicts, notes. All of a session
+/// or nothing of it is kept, whatever happens. Throws InputError where the file is no store, std::runtime_error where
+/// the machine fails. Nothing outside of database/ knows which database it is.
 namespace tribotwin::twin::diagnosis::fleet {
 
 /// An observation as it is kept.
@@ -54,8 +53,9 @@ struct StoredNote {
 
 class Store {
  public:
-  /// Opens a store, or makes one where there is no file of that name; nothing is kept before commit().
-  explicit Store(const std::filesystem::path& file);
+  /// Opens a store, or makes one where there is no file of that name, or no tables in the database of that URL; nothing
+  /// is kept before commit().
+  explicit Store(const std::string& name);
   Store(const Store&) = delete;
   ~Store();  ///< without commit(): all is as before, and a new file is gone
 
