@@ -1,6 +1,6 @@
-#include <array>
 #include <charconv>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <vector>
@@ -119,8 +119,12 @@ void require_readable(const std::string& url) {
   const bool clear = at == url.npos || colon == url.npos || colon > at ||
                      url.substr(user, at - user).find_first_of("@/?#") == url.npos;
   char* message = nullptr;
-  auto* read = clear ? PQconninfoParse(url.c_str(), &message) : nullptr;
-  PQconninfoFree(read);
+  auto* options = clear ? PQconninfoParse(url.c_str(), &message) : nullptr;
+  bool read = options;
+  for (auto* o = options; o && o->keyword; ++o)  // libpq looks at a port only when it connects
+    if (std::string_view(o->keyword) == "port" && o->val)
+      read = read && std::string_view(o->val).find_first_not_of("0123456789,") == std::string_view::npos;
+  PQconninfoFree(options);
   PQfreemem(message);  // it may quote the whole URL
   if (!read)
     throw InputError(fmt::format(
