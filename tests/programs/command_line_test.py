@@ -229,7 +229,7 @@ for program, words, text in all_helps:
         check(f"{' '.join([program, *words])}: has --json", "--json" in known)
         writes = "--output" in known
         # A fleet's store is added to; what may replace something in it are curves.
-        force = "--replace" if "fleet" in words else "--force"
+        force = "--replace" if program == "tribotwin" and "fleet" in words else "--force"
         check(f"{' '.join([program, *words])}: -o comes with {force}", not writes or force in known, list(known))
 curve = ("curve", "irb6620", "--joint", "joint2", "--speeds", "1:200:3", "--torque-noise-nm", "1", "--experiment")
 points = strict(run(tribotwin, *curve, "--json", "--quiet").stdout)["points"]

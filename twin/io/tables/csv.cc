@@ -10,7 +10,6 @@
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/tables/csv.hpp>
-#include <tribotwin/twin/io/tables/csv_number.hpp>
 #include <tribotwin/twin/io/tables/source.hpp>
 #include <tribotwin/twin/io/text.hpp>
 

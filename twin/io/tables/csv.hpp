@@ -2,14 +2,32 @@
 
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::tables {
+
+/// Numbers with a decimal point or, in the whole file alike, a decimal comma.
+class CsvNumber {
+ public:
+  /// The number of a cell, NaN where it is empty; fails with what is wrong.
+  Result<double> operator()(std::string_view cell, std::size_t line);
+  /// At the end of the file: why its commas cannot be understood, with the line.
+  std::optional<std::pair<std::size_t, std::string>> ambiguous() const;
+
+ private:
+  std::string thousands() const;
+
+  std::size_t comma_line_ = 0, point_line_ = 0;  // the first of each, 0: none
+  bool decided_ = false;                         // a cell shows that commas are decimal
+  std::string first_, buffer_;
+};
 
 /// The lines of a CSV file and their cells. Separated by ',', ';' or tabs, found by the header or said by Excel's line
 /// "sep=;" before it; cells may be quoted, not over several lines; lines are UTF-8 or Windows-1252 (to_utf8) and end

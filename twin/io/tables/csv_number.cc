@@ -5,7 +5,7 @@
 
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/tables/column.hpp>
-#include <tribotwin/twin/io/tables/csv_number.hpp>
+#include <tribotwin/twin/io/tables/csv.hpp>
 
 namespace tribotwin::twin::tables {
 namespace {

@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 #include <matio.h>
 
-#include <tribotwin/twin/io/tables/matlab_elements.hpp>
 #include <tribotwin/twin/io/tables/source.hpp>
 #include <tribotwin/twin/io/telemetry/hdf5.hpp>
 #include <tribotwin/twin/io/text.hpp>

@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/io/tables/matlab_elements.hpp>
+#include <tribotwin/twin/io/tables/source.hpp>
 
 namespace tribotwin::twin::tables {
 namespace {

@@ -9,7 +9,6 @@
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/tables/column_map.hpp>
 #include <tribotwin/twin/io/tables/csv.hpp>
-#include <tribotwin/twin/io/tables/csv_number.hpp>
 #include <tribotwin/twin/io/tables/layout.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/tables/rows.hpp>

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -68,6 +69,10 @@ Opened open_csv(const std::filesystem::path& file);
 Opened open_record(const std::filesystem::path& file);
 Opened open_numpy(const std::filesystem::path& file);
 Opened open_matlab(const std::filesystem::path& file);
+/// Why a file of version 4 or 5 (to 7) is not whole: libmatio ends its list of variables where the file is cut off, and
+/// gives those before. Nothing for v7.3, whose length HDF5 checks, and for what is no MATLAB file.
+/// Source: MathWorks, MAT-File Format, R2023b, chapters 1 and 2.
+std::optional<std::string> cut_off(const std::filesystem::path& file);
 /// `wanted`: as of read_numbers(); `topic`: empty where the file has one of joints only.
 Opened open_mcap(const std::filesystem::path& file, const std::vector<std::string>& wanted, const std::string& topic);
 
