@@ -131,7 +131,8 @@ Result<Exit> write_job(const Arguments& a, const sweep::Plan& plan) {
                       .plan = fs::absolute(plan.file).lexically_normal(),
                       .directory = directory,
                       .runs = plan.runs,
-                      .threads = std::max(a.threads, 1U)};
+                      .threads = std::max(a.threads, 1U),
+                      .retries = a.retries};
   const fs::path file = sweep::batch_file(job);
   std::error_code error;
   fs::create_directories(file.parent_path(), error);  // as a sweep does; what is wrong with it says check_output

@@ -62,13 +62,13 @@ UnfinishedRuns& UnfinishedRuns::operator=(UnfinishedRuns&&) noexcept = default;
 UnfinishedRuns::~UnfinishedRuns() = default;
 
 Result<UnfinishedRuns> UnfinishedRuns::open(const fs::path& directory, const std::vector<std::string>& runs,
-                                            const std::string& identity, bool anew) {
+                                            const std::string& identity, bool replace) {
   UnfinishedRuns opened;
   opened.directory_ = directory, opened.folder_ = directory / ".unfinished";
   std::error_code error;
   const auto there = read_text(opened.folder_ / "identity", "a file");
-  opened.resumed_ = there && *there == identity && !anew;
-  if (!opened.resumed_ && !anew)
+  opened.resumed_ = there && *there == identity;
+  if (!opened.resumed_ && !replace)
     if (auto ok = require_free(directory, runs); !ok) return tl::unexpected(ok.error());
   if (!opened.resumed_) fs::remove_all(opened.folder_, error);
   fs::create_directories(opened.folder_ / reports, error);

@@ -26,10 +26,10 @@ class UnfinishedRuns {
   UnfinishedRuns& operator=(UnfinishedRuns&&) noexcept;
   ~UnfinishedRuns();
 
-  /// Goes on where an earlier command has left runs of this identity, unless it shall begin anew. Where none has, a
-  /// folder of `runs` must not hold one yet: ErrorKind::input.
+  /// Goes on where an earlier command has left runs of this identity. Where none has, a folder of `runs` must not hold
+  /// one yet, unless it may be replaced: ErrorKind::input.
   static Result<UnfinishedRuns> open(const std::filesystem::path& directory, const std::vector<std::string>& runs,
-                                     const std::string& identity, bool anew);
+                                     const std::string& identity, bool replace);
   /// Whether folders of runs without a report are leftovers of that command, and may be replaced.
   bool resumed() const { return resumed_; }
   /// The report of a run whose record, summary and scenario are still there.

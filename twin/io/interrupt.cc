@@ -34,6 +34,8 @@ void catch_interrupts() {
 void obey_parent_only() {
   struct sigaction action {};
   action.sa_handler = [](int) { flag = true; };
+  ::sigaction(SIGUSR1, &action, nullptr);
+  action.sa_handler = SIG_DFL;
   ::sigaction(SIGTERM, &action, nullptr);
   action.sa_handler = SIG_IGN;
   for (const int signal : {SIGINT, SIGHUP}) ::sigaction(signal, &action, nullptr);

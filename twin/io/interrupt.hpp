@@ -15,8 +15,8 @@ namespace tribotwin::twin {
 /// program. Blocking system calls return EINTR. Before this call they terminate the program.
 void catch_interrupts();
 
-/// In a process that works for its parent: SIGTERM sets interrupted(); signals of the terminal, which the parent gets
-/// too, do nothing.
+/// In a process that works for its parent: SIGUSR1, which the parent sends, sets interrupted(); SIGTERM ends it;
+/// signals of the terminal, which the parent gets too, do nothing.
 void obey_parent_only();
 
 /// Whether the user wants the program to end. Also set when the result is no longer needed.

@@ -1,6 +1,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <set>
+#include <string_view>
+#include <utility>
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
@@ -41,8 +45,9 @@ bool varies(const std::vector<double>& values) {
 /// The levels of a key: numbers ascending, or words as they come.
 std::vector<std::string> levels_of(const SweepView& view, std::size_t key) {
   std::vector<std::string> levels;
+  std::set<std::string_view> known;
   for (const auto& run : view.sweep.runs)
-    if (std::ranges::find(levels, run.values[key]) == levels.end()) levels.push_back(run.values[key]);
+    if (known.insert(run.values[key]).second) levels.push_back(run.values[key]);
   const auto number = [](const std::string& text) { return to_number(text).value_or(no_value); };
   if (std::ranges::none_of(levels, [&](const auto& level) { return std::isnan(number(level)); }))
     std::ranges::sort(levels, {}, number);
@@ -66,15 +71,18 @@ std::optional<Drawing> grid_map(const SweepView& view, std::size_t output, std::
   const auto shown = view.shown(output);
   std::size_t most = 0;
   std::vector<double> all;
+  std::map<std::pair<std::string_view, std::string_view>, std::pair<double, std::size_t>> cells;  // sum, count
+  for (std::size_t r = 0; r < shown.size(); ++r)
+    if (std::isfinite(shown[r])) {
+      auto& cell = cells[{view.sweep.runs[r].values[key], view.sweep.runs[r].values[other]}];
+      cell.first += shown[r], ++cell.second;
+    }
   for (const auto& row : map.rows) {
     auto& values = map.values.emplace_back();
     for (const auto& column : map.columns) {
-      double sum = 0;
-      std::size_t count = 0;
-      for (std::size_t r = 0; r < shown.size(); ++r)
-        if (const auto& run = view.sweep.runs[r];
-            std::isfinite(shown[r]) && run.values[key] == column && run.values[other] == row)
-          sum += shown[r], ++count;
+      const auto found = cells.find({column, row});
+      const double sum = found == cells.end() ? 0 : found->second.first;
+      const std::size_t count = found == cells.end() ? 0 : found->second.second;
       values.push_back(count ? sum / static_cast<double>(count) : no_value);
       all.push_back(values.back());
       most = std::max(most, count);

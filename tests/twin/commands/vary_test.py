@@ -83,6 +83,18 @@ for name, how in (("interrupted", signal.SIGINT), ("killed", signal.SIGKILL)):
     check(f"{name}: leaves nothing behind", not os.path.exists(path(name, ".unfinished")), os.listdir(path(name)))
     check_refused(f"{name}: then it is a run that stays", run("-o", name), "holds a run already")
 
+# --force in place of complete runs, interrupted: the same command goes on.
+shutil.copytree(path("whole"), path("forced"))
+p = subprocess.Popen([program, "run", "vary.yaml", "--threads", "1", "-o", "forced", "--force", "--quiet"], cwd=work)
+report = path("forced", ".unfinished", "checksums")
+while p.poll() is None and not (os.path.exists(report) and content("forced/.unfinished/checksums").count("\n") > 1):
+    time.sleep(0.002)
+p.send_signal(signal.SIGINT)
+check("forced: interrupted", p.wait() == 1, p.returncode)
+r = run("-o", "forced", "--force")
+check("forced: goes on", r.returncode == 0 and "of 5 runs are those of an earlier call" in r.stderr, r.stderr)
+check("forced: the values of an undisturbed run", values("forced") == truth)
+
 # A folder of somebody else's is never taken for a leftover, the second time neither.
 os.makedirs(path("foreign"))
 shutil.copytree(path("whole/40"), path("foreign/40"))

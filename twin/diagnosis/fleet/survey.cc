@@ -3,6 +3,8 @@
 #include <deque>
 #include <limits>
 #include <map>
+#include <set>
+#include <string>
 
 #include <fmt/format.h>
 
@@ -53,10 +55,12 @@ class Import {
       for (; curves_.size() < chunk && or_wrong_input(reader_->next(curve)); curve = {})
         curves_.push_back(std::move(curve));
       if (curves_.empty()) return 0;
+      std::set<std::string> seen;  // with --replace a later curve takes the place of one of this chunk
       for (const auto& c : curves_) {
         entries_.push_back({.key = c.key, .file = c.file, .line = c.line, .checksum = c.checksum(), .observation = {}});
         const auto what = store_->look(entries_.back(), options_.learned);
-        if (what == Store::Put::added || (what == Store::Put::changed && options_.replace))
+        const bool again = options_.replace && !seen.insert(name_of(c.key)).second;
+        if (what == Store::Put::added || again || (what == Store::Put::changed && options_.replace))
           to_fit_.push_back(entries_.size() - 1);
       }
       if (to_fit_.empty()) keep();

@@ -44,12 +44,14 @@ say() { echo "$(date '+%F %T') job $SLURM_JOB_ID, start $((${SLURM_RESTART_COUNT
 # Makes the sweep with this launcher, and sets code.
 make() {
   say "$before runs are finished; ${SLURM_NTASKS:-1} ranks on ${SLURM_JOB_NODELIST:-this machine}: $*"
-  "$@" "$program" sweep "$plan" -o "$folder" --threads "${SLURM_CPUS_PER_TASK:-1}" --quiet &
+  "$@" "$program" sweep "$plan" -o "$folder" --threads "${SLURM_CPUS_PER_TASK:-1}" --retries "$retries" --quiet &
   ranks=$!
   wait "$ranks"
   code=$?
 }
-complete() { [ "$code" -eq 0 ] || [ -e "$folder/statistics.json" ]; }
+# Code 1 with results of this start: some runs have failed.
+results() { stat -c %Y "$folder/statistics.json" 2> /dev/null || echo 0; }
+complete() { [ "$code" -eq 0 ] || [ "$(results)" -ge "$started" ]; }
 # Not one run more, and the input was not wrong: the ranks cannot be started or do not find each other.
 idle() { ! complete && [ "$code" -ne 2 ] && [ "$(finished)" -le "$before" ]; }
 
@@ -67,6 +69,7 @@ again() {
 }
 
 before=$(finished)
+started=$(date +%s)
 trap 'again "the time limit is near"' USR1
 trap 'wait "$ranks"; say "ended by Slurm; $(finished) runs are finished"; exit 143' TERM
 # srun where Slurm offers PMIx, which Open MPI knows; otherwise, or where that fails, mpirun of the MPI the program was
@@ -129,8 +132,8 @@ Result<std::string> sbatch(const BatchJob& job) {
   text +=
       fmt::format("# If your cluster asks for them: --partition, --account, --mem-per-cpu (one run took {:.0f} MB).\n",
                   job.memory_MB);
-  text += fmt::format("program={}\nplan={}\nfolder={}\n", in_quotes(job.program), in_quotes(job.plan),
-                      in_quotes(job.directory));
+  text += fmt::format("program={}\nplan={}\nfolder={}\nretries={}\n", in_quotes(job.program), in_quotes(job.plan),
+                      in_quotes(job.directory), job.retries);
   return text + script;
 }
 

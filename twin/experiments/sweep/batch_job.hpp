@@ -22,6 +22,7 @@ struct BatchJob {
   std::filesystem::path program, plan, directory;  ///< absolute
   std::size_t runs = 0;
   unsigned ranks = 1, threads = 1;  ///< threads: of each rank
+  int retries = 1;                  ///< of a run that fails
   double one_s = 0;                 ///< of one run
   double memory_MB = 0;             ///< of a process that made one run
 };

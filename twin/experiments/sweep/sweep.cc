@@ -1,11 +1,15 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <fstream>
+#include <iterator>
+#include <map>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include <tribotwin/twin/experiments/sweep/sweep.hpp>
+#include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/ranks.hpp>
@@ -66,6 +70,8 @@ ResumableJobs jobs_of(const Plan& plan, const fs::path& directory, std::size_t c
   };
   jobs.make = [&plan, &earlier, directory, stop](std::size_t run) -> Result<std::string> {
     if (run < earlier.size()) return tl::unexpected(Error(earlier[run].message));
+    std::error_code ignored;
+    if (plan.telemetry) fs::remove_all(record_of(directory, run), ignored);  // of an attempt that failed
     const auto made = make_run(plan, run, stop, plan.telemetry ? record_of(directory, run) : fs::path());
     if (!made) return tl::unexpected(made.error());
     if (made->another_attempt) return work_failed(made->message);
@@ -104,10 +110,41 @@ std::vector<std::size_t> batches(const Plan& plan) {
   return ends;
 }
 
+/// Results of a folder that this program wrote and nobody has changed: they follow the runs, of which one that had
+/// failed may have been made since.
+class OwnResults {
+ public:
+  explicit OwnResults(const fs::path& directory) : directory_(directory) {
+    std::ifstream lines(directory / file_name);
+    for (std::string sum, name; lines >> sum >> name;) sums_[name] = sum;
+  }
+
+  Result<void> write(const std::string& name, const std::string& bytes, Existing existing) {
+    std::ifstream stream(directory_ / name, std::ios::binary);
+    const auto known = sums_.find(name);
+    const std::string there{std::istreambuf_iterator<char>(stream), {}};
+    const bool own = stream.is_open() && known != sums_.end() && known->second == sum_of(there);
+    if (auto ok = write_derived(directory_ / name, bytes, own ? Existing::replace : existing); !ok) return ok;
+    if (sums_[name] == sum_of(bytes)) return {};
+    sums_[name] = sum_of(bytes);
+    std::string text;
+    for (const auto& [file, sum] : sums_) text += fmt::format("{} {}\n", sum, file);
+    return write_file(directory_ / file_name, text, Existing::replace);
+  }
+
+ private:
+  static constexpr char file_name[] = "results.checksums";
+  static std::string sum_of(const std::string& bytes) { return fmt::format("{:08x}", crc32(bytes)); }
+
+  const fs::path directory_;
+  std::map<std::string, std::string> sums_;  ///< CRC-32 of each file when it was written
+};
+
 Result<void> write_results(const Plan& plan, const LabOptions& options, SweepResult& out) {
+  OwnResults results(options.directory);
   const auto write = [&](const char* name, const std::string& bytes) -> Result<void> {
     const fs::path file = options.directory / name;
-    if (auto ok = ranks().on_root([&] { return write_derived(file, bytes, options.existing); }); !ok) return ok;
+    if (auto ok = ranks().on_root([&] { return results.write(name, bytes, options.existing); }); !ok) return ok;
     out.files.push_back(file);
     return {};
   };

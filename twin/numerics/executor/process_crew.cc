@@ -78,7 +78,7 @@ class ProcessCrew final : public Crew {
   ~ProcessCrew() override {
     for (Child& child : children_) {
       if (child.pid <= 0) continue;
-      (void)send_message(child.link, "");  // it ends after the task under way
+      (void)::shutdown(child.link, SHUT_RDWR);  // it ends after the task under way
       (void)wait_for(child);
     }
   }
@@ -170,7 +170,7 @@ class ProcessCrew final : public Crew {
       std::array<char, sizeof(Size)> size{};
       if (!receive_all(link, size.data(), size.size())) ::_exit(done);
       std::string bytes(BytesIn({size.data(), size.size()}).get<Size>(), '\0');
-      if (bytes.empty() || !receive_all(link, bytes.data(), bytes.size())) ::_exit(done);
+      if (!receive_all(link, bytes.data(), bytes.size())) ::_exit(done);
       BytesIn in(bytes);
       Job job{.task = in.get<std::uint64_t>(), .input = {}};
       job.input = in.text();
@@ -227,7 +227,8 @@ class ProcessCrew final : public Crew {
     const std::string words = last_lines(messages_of(child));
     if (!child.jobs.empty()) {
       done_.push_back({.task = child.jobs.front().task,
-                       .result = work_failed(ending(status) + (words.empty() ? "" : "; its last words: " + words))});
+                       .result = work_failed(ending(status) + (words.empty() ? "" : "; its last words: " + words)),
+                       .stopped = stop_ && *stop_});
       child.jobs.pop_front();
       todo_.insert(todo_.begin(), std::make_move_iterator(child.jobs.begin()),
                    std::make_move_iterator(child.jobs.end()));
@@ -254,7 +255,7 @@ class ProcessCrew final : public Crew {
     for (const Job& job : std::exchange(todo_, {})) done_.push_back({.task = job.task, .result = {}, .stopped = true});
     if (std::exchange(told_to_stop_, true)) return;
     for (const Child& child : children_)
-      if (child.pid > 0) ::kill(child.pid, SIGTERM);
+      if (child.pid > 0) ::kill(child.pid, SIGUSR1);
   }
 
   const Work work_;

@@ -141,6 +141,25 @@ said = [text.decode() for text in p.communicate()]
 check("killed processes: three of them", killed == 3, killed)
 check("killed processes: the sweep is whole", p.returncode == 0 and "0 failed" in said[0], (p.returncode, said))
 check("killed processes: the same bytes", bytes_of("crash") == bytes_of("whole"))
+# A run that failed is made by the next call, and the results follow.
+p = subprocess.Popen(
+    [program, "sweep", "longer.yaml", "-o", "again", "--threads", "1", "--retries", "0", "--quiet"], cwd=work
+)
+while p.poll() is None and not os.path.exists(path("again", "runs", "0000001.json")):
+    time.sleep(0.002)
+os.kill(int(open(f"/proc/{p.pid}/task/{p.pid}/children").read().split()[0]), signal.SIGKILL)
+check("a killed run: the sweep is complete, and exits 1", p.wait() == 1 and "signal 9" in content("again/results.csv"))
+r = run("longer.yaml", "-o", "again")
+check(
+    "a killed run: made by the next call",
+    r.returncode == 0 and "39 of them from earlier" in r.stdout,
+    (r.stdout, r.stderr),
+)
+check("a killed run: then the same bytes", bytes_of("again") == bytes_of("whole"))
+with open(path("again", "results.csv"), "a") as file:
+    file.write("a note\n")
+r = run("longer.yaml", "-o", "again")
+check("results that the user changed stay", r.returncode == 2 and "was changed since it was made" in r.stderr, r.stderr)
 status = json.loads(run("-o", "kill", "--status", "--json").stdout)
 check("--status after it", status["finished"] and status["present"] == 40 and status["failed"] == 0, status)
 

@@ -50,11 +50,12 @@ TEST(ProcessCrew, ATaskThatEndsItsProcessFailsAlone) {
     if (i == 7) std::exit(4);
     if (i == 9) throw std::runtime_error("no memory");
     if (i == 11) return tl::unexpected(Error("wrong key"));
+    if (i == 13) ::raise(SIGTERM);
     return square(i);
   };
   const auto outcome = carry_out(in_processes(100, work), {.threads = 2, .retries = 2});
   ASSERT_TRUE(outcome);
-  ASSERT_THAT(outcome->failures, SizeIs(5));
+  ASSERT_THAT(outcome->failures, SizeIs(6));
   const auto message = [&](std::size_t k) { return outcome->failures[k].error.message; };
   EXPECT_THAT(message(0), AllOf(StartsWith("its process was ended by signal 6 (Aborted); its last words: "),
                                 HasSubstr("engine: [31mstack overflow in step 7")));
@@ -62,9 +63,10 @@ TEST(ProcessCrew, ATaskThatEndsItsProcessFailsAlone) {
   EXPECT_EQ(message(2), "its process ended with exit code 4");
   EXPECT_EQ(message(3), "no memory");
   EXPECT_EQ(message(4), "wrong key");
-  for (std::size_t k = 0; k < 5; ++k) {
-    EXPECT_EQ(outcome->failures[k].attempts, k < 4 ? 3 : 1) << k;
-    EXPECT_EQ(outcome->failures[k].error.kind, k < 4 ? ErrorKind::work : ErrorKind::input) << k;
+  EXPECT_EQ(message(5), "its process was ended by signal 15 (Terminated)");
+  for (std::size_t k = 0; k < 6; ++k) {
+    EXPECT_EQ(outcome->failures[k].attempts, k != 4 ? 3 : 1) << k;
+    EXPECT_EQ(outcome->failures[k].error.kind, k != 4 ? ErrorKind::work : ErrorKind::input) << k;
   }
   for (const std::size_t i : {0u, 4u, 6u, 12u, 99u}) EXPECT_EQ(outcome->results[i], square(i));
   EXPECT_FALSE(has_children());
@@ -120,6 +122,17 @@ TEST(ProcessCrew, NothingBeginsAfterAStop) {
   EXPECT_TRUE(outcome->stopped);
   EXPECT_THAT(outcome->failures, IsEmpty());
   EXPECT_LT(std::ranges::count_if(outcome->results, [](const auto& r) { return !r.empty(); }), 50);
+  EXPECT_FALSE(has_children());
+}
+
+TEST(ProcessCrew, EndsWhereItsResultsAreNotWanted) {
+  // Results that fill the socket, which nobody reads any more.
+  Tasks tasks = in_processes(10, [](std::size_t i, const std::string&) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10 * i));
+    return std::string(3'000'000, 'x');
+  });
+  tasks.keep = [](std::size_t, const std::string&) -> Result<void> { throw std::runtime_error("no memory"); };
+  EXPECT_THROW((void)carry_out(tasks, {.threads = 3}), std::runtime_error);
   EXPECT_FALSE(has_children());
 }
 
