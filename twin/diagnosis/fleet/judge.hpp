@@ -82,8 +82,11 @@ class Judge {
 
   /// `recent` must not be empty; both in the order of time, the recent ones later.
   Shift shift(const Rows& healthy, const Rows& recent) const;
+  /// A chart whose p, on a healthy joint, has fallen below this no longer learns.
+  static constexpr double stop_learning_below = 1e-3;
   /// The chart learns from observations until p falls below `stop_learning`.
-  Chart watch(const Rows& healthy, const Rows& recent, const CusumTail& tail, double stop_learning) const;
+  Chart watch(const Rows& healthy, const Rows& recent, const CusumTail& tail,
+              double stop_learning = stop_learning_below) const;
   Finding explain(const Rows& healthy, const Shift& shift, double load_sensitivity) const;
 
  private:

@@ -15,8 +15,7 @@ namespace tribotwin::twin::diagnosis::fleet {
 namespace {
 
 constexpr std::int64_t ever = std::numeric_limits<std::int64_t>::max();
-constexpr double chart_stops_learning = 1e-3;  ///< as in survey.cc
-constexpr std::size_t own_minimum = 3;         ///< healthy curves from which a joint has a level of its own
+constexpr std::size_t own_minimum = 3;  ///< healthy curves from which a joint has a level of its own
 constexpr double day_s = 86400;
 
 /// Regressors of a row: T and T^2 from the middle, 0 where the temperature is not known.
@@ -207,8 +206,7 @@ std::vector<Detail> details_of(const std::filesystem::path& file, const std::vec
     d.track.recent = store.rows(id, false, -ever, end);
     d.track.level = level_of(pools(d.track.joint), d.track.healthy);
     if (const auto model = models.find({d.track.joint.type, d.track.joint.joint}); model != models.end())
-      for (const auto& step :
-           Judge(model->second).watch(d.track.healthy, d.track.recent, tail, chart_stops_learning).steps) {
+      for (const auto& step : Judge(model->second).watch(d.track.healthy, d.track.recent, tail).steps) {
         d.cusum.day.push_back(step.day);
         d.cusum.sum.push_back(step.sum);
       }

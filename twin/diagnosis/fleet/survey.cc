@@ -21,7 +21,6 @@ namespace {
 constexpr std::size_t chunk = 4096;  ///< curves, or joints, in memory
 constexpr std::size_t batch = 64;    ///< of these, in a task
 constexpr std::int64_t always = std::numeric_limits<std::int64_t>::max();
-constexpr double stop_learning = 1e-3;  ///< a chart that is as unlikely on a healthy joint no longer learns
 
 /// Curves that are read, fitted and kept, a chunk at a time.
 class Import {
@@ -422,7 +421,7 @@ Survey watch_fleet(Store* store, const SurveyOptions& o) {
   each.run(
       survey,
       [&](const EachJoint::Task& t, BytesOut& out) {
-        const Chart chart = each.judge(t.model).watch(t.healthy, t.recent, tail, stop_learning);
+        const Chart chart = each.judge(t.model).watch(t.healthy, t.recent, tail);
         put_days(out, chart, o.rate);
         return chart.evidence;
       },
