@@ -248,15 +248,14 @@ std::vector<Band> bands_of(const Plan& plan, const std::vector<RunResult>& runs)
   return all;
 }
 
-std::string bands_csv(const Plan& plan, const std::vector<RunResult>& runs) {
-  if (plan.bands.empty()) return {};
+std::string bands_csv(const Plan& plan, const std::vector<Band>& bands) {
+  if (bands.empty()) return {};
   std::string text = "time_s";
-  for (const Signal& band : plan.bands) {
-    text += "," + cell(band.name + ".runs");
-    for (const double p : plan.quantiles) text += "," + cell(band.name + "." + quantile_name(p));
+  for (const Band& band : bands) {
+    text += "," + cell(band.signal + ".runs");
+    for (const double p : plan.quantiles) text += "," + cell(band.signal + "." + quantile_name(p));
   }
   text += "\n";
-  const auto bands = bands_of(plan, runs);
   for (std::size_t t = 0; t < plan.band_times_s.size(); ++t) {
     text += fmt::format("{}", plan.band_times_s[t]);
     for (const Band& band : bands) {
@@ -268,7 +267,7 @@ std::string bands_csv(const Plan& plan, const std::vector<RunResult>& runs) {
   return text;
 }
 
-Result<std::string> results_hdf5(const Plan& plan, const std::vector<RunResult>& runs) {
+Result<std::string> results_hdf5(const Plan& plan, const std::vector<RunResult>& runs, const std::vector<Band>& bands) {
   std::vector<Column> columns;
   std::vector<double> index;
   std::vector<std::string> status, message;
@@ -296,8 +295,8 @@ Result<std::string> results_hdf5(const Plan& plan, const std::vector<RunResult>&
   }
   columns.push_back({"status", "ok, warned by the health check, or failed", status});
   columns.push_back({"message", "checks that warn, or why the run failed", message});
-  if (!plan.bands.empty()) columns.push_back({"bands/time_s", "simulated time", plan.band_times_s});
-  for (const Band& band : bands_of(plan, runs))
+  if (!bands.empty()) columns.push_back({"bands/time_s", "simulated time", plan.band_times_s});
+  for (const Band& band : bands)
     for (std::size_t q = 0; q < plan.quantiles.size(); ++q)
       columns.push_back({"bands/" + column_name(band.signal) + "/" + quantile_name(plan.quantiles[q]),
                          "quantile over the runs", band.quantiles[q]});

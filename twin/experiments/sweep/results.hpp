@@ -33,10 +33,6 @@ Failures failures(const std::vector<RunResult>& runs);
 /// run, a column per factor and drawn parameter, a column per output, status, message.
 std::string results_csv(const Plan& plan, const std::vector<RunResult>& runs);
 
-/// Quantiles of each signal over time: time_s, then for each signal the number of runs that have it there and a column
-/// per quantile. Empty without bands.
-std::string bands_csv(const Plan& plan, const std::vector<RunResult>& runs);
-
 /// Quantiles of a signal over the runs, by time.
 struct Band {
   std::string signal;
@@ -45,8 +41,12 @@ struct Band {
 };
 std::vector<Band> bands_of(const Plan& plan, const std::vector<RunResult>& runs);
 
+/// Quantiles of each signal over time: time_s, then for each signal the number of runs that have it there and a column
+/// per quantile. Empty without bands.
+std::string bands_csv(const Plan& plan, const std::vector<Band>& bands);
+
 /// The tables as HDF5: run, factors/, outputs/, status, message; bands/time_s and bands/SIGNAL/. ErrorKind::work.
-Result<std::string> results_hdf5(const Plan& plan, const std::vector<RunResult>& runs);
+Result<std::string> results_hdf5(const Plan& plan, const std::vector<RunResult>& runs, const std::vector<Band>& bands);
 
 /// Values of an output of the runs that count in means and quantiles.
 std::vector<double> sample_of(const Plan& plan, const std::vector<RunResult>& runs, std::size_t output);

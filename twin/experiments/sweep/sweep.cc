@@ -149,9 +149,10 @@ Result<void> write_results(const Plan& plan, const LabOptions& options, SweepRes
     return {};
   };
   if (auto ok = write("results.csv", results_csv(plan, out.runs)); !ok) return ok;
-  if (const auto bands = bands_csv(plan, out.runs); !bands.empty())
-    if (auto ok = write("bands.csv", bands); !ok) return ok;
-  const auto table = results_hdf5(plan, out.runs);
+  const auto bands = bands_of(plan, out.runs);
+  if (!bands.empty())
+    if (auto ok = write("bands.csv", bands_csv(plan, bands)); !ok) return ok;
+  const auto table = results_hdf5(plan, out.runs, bands);
   if (!table) return tl::unexpected(table.error());
   if (auto ok = write("results.h5", *table); !ok) return ok;
   out.statistics = statistics_json(plan, out.runs, out.stopped);
