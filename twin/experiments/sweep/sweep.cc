@@ -3,7 +3,7 @@
 #include <cmath>
 #include <fstream>
 #include <iterator>
-#include <map>
+#include <set>
 #include <utility>
 
 #include <fmt/format.h>
@@ -110,53 +110,67 @@ std::vector<std::size_t> batches(const Plan& plan) {
   return ends;
 }
 
+/// A file of results and what is to be in it.
+struct ResultFile {
+  std::string name;
+  std::string bytes;
+};
+
 /// Results of a folder that this program wrote and nobody has changed: they follow the runs, of which one that had
-/// failed may have been made since.
+/// failed may have been made since. The checksums are there before the first of the files: a kill between two of them
+/// leaves none that the next call does not know.
 class OwnResults {
  public:
   explicit OwnResults(const fs::path& directory) : directory_(directory) {
     std::ifstream lines(directory / file_name);
-    for (std::string sum, name; lines >> sum >> name;) sums_[name] = sum;
+    for (std::string sum, name; lines >> sum >> name;) known_.insert({name, sum});
   }
 
-  Result<void> write(const std::string& name, const std::string& bytes, Existing existing) {
-    std::ifstream stream(directory_ / name, std::ios::binary);
-    const auto known = sums_.find(name);
-    const std::string there{std::istreambuf_iterator<char>(stream), {}};
-    const bool own = stream.is_open() && known != sums_.end() && known->second == sum_of(there);
-    if (auto ok = write_derived(directory_ / name, bytes, own ? Existing::replace : existing); !ok) return ok;
-    if (sums_[name] == sum_of(bytes)) return {};
-    sums_[name] = sum_of(bytes);
+  Result<void> write(const std::vector<ResultFile>& files, Existing existing) {
+    std::set<std::string> own;
+    std::set<std::pair<std::string, std::string>> sums;
+    for (const auto& [name, bytes] : files) {
+      const auto there = sum_of_file(directory_ / name);
+      if (there && known_.contains({name, *there})) {
+        own.insert(name);
+        sums.insert({name, *there});
+      }
+      sums.insert({name, sum_of(bytes)});
+    }
     std::string text;
-    for (const auto& [file, sum] : sums_) text += fmt::format("{} {}\n", sum, file);
-    return write_file(directory_ / file_name, text, Existing::replace);
+    for (const auto& [name, sum] : sums) text += fmt::format("{} {}\n", sum, name);
+    if (sums != known_)
+      if (auto ok = write_file(directory_ / file_name, text, Existing::replace); !ok) return ok;
+    for (const auto& [name, bytes] : files)
+      if (auto ok = write_derived(directory_ / name, bytes, own.contains(name) ? Existing::replace : existing); !ok)
+        return ok;
+    return {};
   }
 
  private:
   static constexpr char file_name[] = "results.checksums";
   static std::string sum_of(const std::string& bytes) { return fmt::format("{:08x}", crc32(bytes)); }
+  static std::optional<std::string> sum_of_file(const fs::path& file) {
+    std::ifstream stream(file, std::ios::binary);
+    if (!stream.is_open()) return std::nullopt;
+    return sum_of({std::istreambuf_iterator<char>(stream), {}});
+  }
 
   const fs::path directory_;
-  std::map<std::string, std::string> sums_;  ///< CRC-32 of each file when it was written
+  std::set<std::pair<std::string, std::string>> known_;  ///< name and CRC-32 of what was written
 };
 
 Result<void> write_results(const Plan& plan, const LabOptions& options, SweepResult& out) {
-  OwnResults results(options.directory);
-  const auto write = [&](const char* name, const std::string& bytes) -> Result<void> {
-    const fs::path file = options.directory / name;
-    if (auto ok = ranks().on_root([&] { return results.write(name, bytes, options.existing); }); !ok) return ok;
-    out.files.push_back(file);
-    return {};
-  };
-  if (auto ok = write("results.csv", results_csv(plan, out.runs)); !ok) return ok;
+  std::vector<ResultFile> files{{"results.csv", results_csv(plan, out.runs)}};
   const auto bands = bands_of(plan, out.runs);
-  if (!bands.empty())
-    if (auto ok = write("bands.csv", bands_csv(plan, bands)); !ok) return ok;
-  const auto table = results_hdf5(plan, out.runs, bands);
+  if (!bands.empty()) files.push_back({"bands.csv", bands_csv(plan, bands)});
+  auto table = results_hdf5(plan, out.runs, bands);
   if (!table) return tl::unexpected(table.error());
-  if (auto ok = write("results.h5", *table); !ok) return ok;
+  files.push_back({"results.h5", std::move(*table)});
   out.statistics = statistics_json(plan, out.runs, out.stopped);
-  return write(statistics_file, out.statistics);  // last: it says that the sweep is complete
+  files.push_back({statistics_file, out.statistics});  // last: it says that the sweep is complete
+  for (const auto& file : files) out.files.push_back(options.directory / file.name);
+  return ranks().on_root([&] { return OwnResults(options.directory).write(files, options.existing); });
 }
 
 }  // namespace
