@@ -50,6 +50,7 @@ td.number, th.number { text-align: right; white-space: nowrap; }
 th[scope=row] { font-weight: 600; overflow-wrap: break-word; max-width: 32ch; }
 pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace;
   white-space: pre-wrap; overflow-wrap: anywhere; }
+@media (max-width: 1200px) { th, td { padding: 6px 8px; } }
 @media (max-width: 600px) { main { padding: 18px 12px 32px; } th, td { padding: 6px 8px; } }
 @media screen and (prefers-color-scheme: dark) {
   body { background: #12161c; color: #e6eaf0; color-scheme: dark; }

@@ -1,4 +1,4 @@
-"""Issue 21: on recordings with the defects of seven real ones, `dynamics --friction auto` predicts another motion
+"""On recordings with the defects of seven real ones, `dynamics --friction auto` predicts another motion
 within 5 % of the best setting that somebody with that motion at hand chooses. Arguments: tribotwin, names of cases
 (all). By hand: TRIBOTWIN_SEED=2 for other noise, motions and models."""
 import json
