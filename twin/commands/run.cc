@@ -15,6 +15,8 @@
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/telemetry/run_folder.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/live/twin_feed.hpp>
+#include <tribotwin/twin/live/web_options.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -187,6 +189,7 @@ struct Arguments {
   std::optional<std::int64_t> seed;
   unsigned threads = 0;
   bool realtime = false, quiet = false, list = false, json = false, force = false, strict = false;
+  live::WebOptions web;
 };
 
 /// The scenario.yaml of an earlier run is not replaced by the run that reads it.
@@ -341,6 +344,22 @@ void refuse_model(const std::string& given) {
       given));
 }
 
+/// One run, and its page if one is asked for.
+Summary simulate(const Arguments& a, const Scenario& scenario, const fs::path& output) {
+  const auto server = a.web.start(live::hello_of(scenario, "run", TRIBOTWIN_VERSION));
+  std::optional<live::TwinFeed> feed;
+  if (server) feed.emplace(*server);
+  Progress progress(a.quiet);
+  return or_throw(
+      twin::run(scenario, {.directory = output,
+                           .existing = replace_if(a.force),
+                           .realtime = a.realtime,
+                           .stop = &interrupted(),
+                           .progress = [&](double share, double left) { progress(share, left); },
+                           .sample = feed ? [&](const Twin& twin, double time_s) { feed->sample(twin, time_s); }
+                                          : std::function<void(const Twin&, double)>{}}));
+}
+
 Result<Exit> execute(const Arguments& a) {
   if (a.list) return list_scenarios();
   if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
@@ -351,7 +370,11 @@ Result<Exit> execute(const Arguments& a) {
   if (a.seed) settings.push_back(fmt::format("seed={}", *a.seed));
   const fs::path file = given_or_shipped(a.scenario, ".yaml");
   if (file == a.scenario) refuse_model(a.scenario);
-  if (const auto all = variations(file); !all.empty()) return vary(a, file, all, settings);
+  if (const auto all = variations(file); !all.empty()) {
+    if (a.web.given())
+      throw InputError(fmt::format("--web: shows one run, and {} has {} ('vary')", file.string(), all.size()));
+    return vary(a, file, all, settings);
+  }
   if (!ranks().root()) return done;
   if (ranks().several()) note("one run has nothing to divide: rank 0 of {} works alone", ranks().size());
   const Scenario loaded = or_throw(load_scenario(file, settings));
@@ -359,23 +382,15 @@ Result<Exit> execute(const Arguments& a) {
   const fs::path output = a.directory.empty() ? fs::path("runs") / loaded.name : fs::path(a.directory);
   require_other_folder(output, file);
   if (!a.quiet && !a.json) report_before(loaded);
-  const auto summary = [&] {
-    Progress progress(a.quiet);
-    return twin::run(loaded, {.directory = output,
-                              .existing = replace_if(a.force),
-                              .realtime = a.realtime,
-                              .stop = &interrupted(),
-                              .progress = [&](double share, double left) { progress(share, left); }});
-  }();
-  or_throw(summary);
+  const Summary summary = simulate(a, loaded, output);
   if (a.json)
-    print("{}", summary_json(*summary));
+    print("{}", summary_json(summary));
   else if (!a.quiet)
-    print_summary(*summary, output);
-  if (summary->interrupted)
+    print_summary(summary, output);
+  if (summary.interrupted)
     return work_failed(fmt::format("interrupted at {:.6g} of {:.6g} s; the record in {} is complete until then",
-                                   summary->simulated_s, loaded.duration_s, output.string()));
-  return strict_code(a, checks_that_warn(*summary));
+                                   summary.simulated_s, loaded.duration_s, output.string()));
+  return strict_code(a, checks_that_warn(summary));
 }
 
 }  // namespace
@@ -391,6 +406,7 @@ void add_run(CLI::App& app, int& code) {
   run->add_flag("--strict", a->strict,
                 "Exit code 3 if the health check warns: the run is not what its scenario asked for");
   run->add_flag("--realtime", a->realtime, "Run no faster than real time");
+  a->web.add_to(*run);
   run->add_option("--threads", a->threads, "Runs of 'vary' at once (default: one per core; under mpirun, per rank: 1)")
       ->check(CLI::Range(1, 1024));
   run->add_flag("--quiet", a->quiet, "No progress, no summary");

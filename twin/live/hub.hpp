@@ -1,0 +1,42 @@
+#pragma once
+
+#include <deque>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <tribotwin/twin/live/server.hpp>
+
+namespace tribotwin::twin::live {
+
+class Viewer;
+using Text = std::shared_ptr<const std::string>;
+
+/// What the connections of a server share. Of the server's thread alone, but for `commands`.
+struct Hub {
+  ServerOptions options;
+  Hello hello;
+  std::string token;  ///< empty: none is needed
+  Text hello_text, status_text;
+  std::deque<Text> events;
+  std::size_t connections = 0;
+  std::uint64_t viewers_so_far = 0;
+  std::vector<std::shared_ptr<Viewer>> viewers;
+  Queue<Command, 64> commands;
+};
+
+/// A connection counts as long as its place is kept.
+class Place {
+ public:
+  explicit Place(Hub& hub) : hub_(&hub) { ++hub_->connections; }
+  Place(Place&& other) noexcept : hub_(std::exchange(other.hub_, nullptr)) {}
+  Place& operator=(Place&&) = delete;
+  ~Place() {
+    if (hub_) --hub_->connections;
+  }
+
+ private:
+  Hub* hub_;
+};
+
+}  // namespace tribotwin::twin::live

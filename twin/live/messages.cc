@@ -1,0 +1,120 @@
+#include <algorithm>
+
+#include <tribotwin/twin/io/json.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/live/messages.hpp>
+
+namespace tribotwin::twin::live {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+template <class T>
+Json or_null(const std::optional<T>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
+Json or_null(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
+
+/// Names come from files and may be no UTF-8.
+std::string text_of(const Json& message) { return message.dump(-1, ' ', false, Json::error_handler_t::replace); }
+
+Json drive_json(const DriveStatus& drive) {
+  return {{"joint", drive.joint},
+          {"bus", drive.bus},
+          {"node", drive.node},
+          {"nmt", or_null(drive.nmt)},
+          {"state", or_null(drive.state)},
+          {"mode", or_null(drive.mode)},
+          {"error_code", drive.error_code},
+          {"brake", or_null(drive.brake)}};
+}
+
+Json bus_json(const BusStatus& bus) {
+  return {{"name", bus.name},
+          {"load", or_null(bus.load)},
+          {"bit_rate", or_null(bus.bit_rate)},
+          {"frames_in", bus.frames_in},
+          {"frames_out", bus.frames_out},
+          {"syncs", bus.syncs},
+          {"lost", bus.lost}};
+}
+
+/// A name that a page gave to a command: a number, or a text that is not long.
+bool is_id(const nlohmann::json& id) {
+  constexpr std::size_t longest = 64;
+  return id.is_number_integer() || (id.is_string() && id.get_ref<const std::string&>().size() <= longest);
+}
+
+}  // namespace
+
+std::string to_json(const Hello& hello, const std::string& session, bool readonly) {
+  Json joints = Json::array(), columns = Json::array();
+  for (const Joint& joint : hello.joints)
+    joints.push_back({{"name", joint.name}, {"law", joint.law}, {"limit_degC", or_null(joint.limit_degC)}});
+  for (const Column& column : hello.columns)
+    columns.push_back({{"joint", or_null(column.joint)}, {"name", column.name}, {"unit", column.unit}});
+  return text_of({{"type", "hello"},
+                  {"version", hello.version},
+                  {"program", hello.program},
+                  {"scenario", hello.scenario},
+                  {"session", session},
+                  {"readonly", readonly},
+                  {"step_s", hello.step_s},
+                  {"commands", readonly ? std::vector<std::string>{} : hello.commands},
+                  {"joints", joints},
+                  {"columns", columns}});
+}
+
+std::string to_json(const Status& status) {
+  Json drives = nullptr, buses = Json::array();
+  if (!status.drives.empty()) drives = Json::array();
+  for (const DriveStatus& drive : status.drives) drives.push_back(drive_json(drive));
+  for (const BusStatus& bus : status.buses) buses.push_back(bus_json(bus));
+  return text_of({{"type", "status"},
+                  {"simulated_s", status.simulated_s},
+                  {"wall_s", status.wall_s},
+                  {"paused", status.paused},
+                  {"recording", status.recording},
+                  {"lost_frames", status.lost_frames},
+                  {"drives", drives},
+                  {"buses", buses}});
+}
+
+std::string to_json(const Event& event) {
+  return text_of({{"type", "event"},
+                  {"time_s", event.time_s},
+                  {"kind", event.kind},
+                  {"joint", or_null(event.joint)},
+                  {"text", event.text}});
+}
+
+std::string to_json(const Done& done) {
+  return text_of({{"type", "done"}, {"id", Json(done.id)}, {"ok", done.ok}, {"message", done.text}});
+}
+
+Asking read_message(const std::string& text, const Hello& hello, bool readonly) {
+  Asking asking;
+  const auto refuse = [&](std::string why) {
+    asking.refusal.ok = false;
+    asking.refusal.text = std::move(why);
+    return asking;
+  };
+  const nlohmann::json message = parse_json(text);
+  if (!message.is_object()) return refuse("the message is no JSON object");
+  if (const auto id = message.find("id"); id != message.end() && is_id(*id)) asking.refusal.id = *id;
+  const auto word = [&](const char* key) {
+    const auto found = message.find(key);
+    return found != message.end() && found->is_string() ? found->get<std::string>() : std::string();
+  };
+  if (word("type") != "command") return refuse("type must be command");
+  if (asking.refusal.id.is_null()) return refuse("id must be a whole number, or a text of at most 64 bytes");
+  if (readonly) return refuse("this bench is read-only (--web-readonly)");
+  const std::string name = word("do");
+  if (std::ranges::find(hello.commands, name) == hello.commands.end())
+    return refuse(hello.commands.empty() ? "this bench takes no commands"
+                                         : "do must be one of: " + joined(hello.commands));
+  asking.command = Command{0, asking.refusal.id, message, name};
+  return asking;
+}
+
+}  // namespace tribotwin::twin::live

@@ -1,0 +1,91 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+/// What a live bench says to its page. The schema is in twin/live/README.md.
+namespace tribotwin::twin::live {
+
+struct Joint {
+  std::string name, law;
+  std::optional<double> limit_degC;
+};
+
+struct Column {
+  std::string joint;  ///< empty: of no joint
+  std::string name, unit;
+};
+
+/// The first message.
+struct Hello {
+  std::string program, version, scenario;
+  double step_s = 0;
+  std::vector<std::string> commands;  ///< that the page may give
+  std::vector<Joint> joints;
+  std::vector<Column> columns;
+};
+
+struct DriveStatus {
+  std::string joint;
+  std::size_t bus = 0;
+  int node = 0;
+  std::string nmt, state, mode;
+  std::uint16_t error_code = 0;
+  std::optional<bool> brake;
+};
+
+struct BusStatus {
+  std::string name;
+  std::optional<double> load, bit_rate;  ///< share of 1; [bit/s]
+  std::uint64_t frames_in = 0, frames_out = 0, syncs = 0, lost = 0;
+};
+
+struct Status {
+  double simulated_s = 0, wall_s = 0;
+  bool paused = false, recording = false;
+  std::uint64_t lost_frames = 0;
+  std::vector<DriveStatus> drives;  ///< empty: they have no bus
+  std::vector<BusStatus> buses;
+};
+
+struct Event {
+  double time_s = 0;
+  std::string kind;   ///< emcy, fault, marker, note, health
+  std::string joint;  ///< empty: of no joint
+  std::string text;
+};
+
+/// A command of a page, which the thread of the steps obeys.
+struct Command {
+  std::uint64_t viewer = 0;
+  nlohmann::json id, message;
+  std::string name;
+};
+
+/// What came of it.
+struct Done {
+  std::uint64_t viewer = 0;
+  nlohmann::json id;
+  bool ok = true;
+  std::string text;
+};
+
+/// `session`: a random name of this start of the server.
+std::string to_json(const Hello& hello, const std::string& session, bool readonly);
+std::string to_json(const Status& status);
+std::string to_json(const Event& event);
+std::string to_json(const Done& done);
+
+/// A message of a page: a command, or why it is none.
+struct Asking {
+  std::optional<Command> command;
+  Done refusal;
+};
+Asking read_message(const std::string& text, const Hello& hello, bool readonly);
+
+}  // namespace tribotwin::twin::live

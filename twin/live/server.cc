@@ -1,0 +1,188 @@
+#include <algorithm>
+#include <csignal>
+#include <thread>
+#include <variant>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/ip/v6_only.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <fmt/format.h>
+
+#include <tribotwin/twin/live/connection.hpp>
+#include <tribotwin/twin/live/viewer.hpp>
+
+namespace tribotwin::twin::live {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using boost::system::error_code;
+using Clock = std::chrono::steady_clock;
+
+namespace {
+
+constexpr std::size_t rows_on_the_way = 8192;
+
+Text shared(std::string text) { return std::make_shared<const std::string>(std::move(text)); }
+
+/// Signals are for the thread that runs the program: they end its waits.
+class SignalsBlocked {
+ public:
+  SignalsBlocked() {
+    sigset_t all;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before_);
+  }
+  ~SignalsBlocked() { pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
+
+ private:
+  sigset_t before_;
+};
+
+}  // namespace
+
+struct Server::Impl {
+  Impl(const ServerOptions& options, Hello hello) : rows(hello.columns.size(), rows_on_the_way) {
+    hub.options = options;
+    hub.hello = std::move(hello);
+  }
+
+  Result<void> open() {
+    const Address& address = hub.options.address;
+    const tcp::endpoint wanted(asio::ip::make_address(address.host), address.port);
+    error_code error;
+    const auto ok = [&](auto&& call) {
+      if (!error) call();
+    };
+    ok([&] { acceptor.open(wanted.protocol(), error); });
+    ok([&] { acceptor.set_option(tcp::acceptor::reuse_address(true), error); });
+    if (wanted.address().is_v6()) ok([&] { acceptor.set_option(asio::ip::v6_only(true), error); });
+    ok([&] { acceptor.bind(wanted, error); });
+    ok([&] { acceptor.listen(tcp::acceptor::max_listen_connections, error); });
+    if (error)
+      return tl::unexpected(Error(fmt::format("{}: {}; choose another address, or port 0 for any port that is free",
+                                              authority(address.host, address.port), error.message())));
+    return name();
+  }
+
+  Result<void> name() {
+    const Address& address = hub.options.address;
+    url = fmt::format("http://{}/", authority(address.host, acceptor.local_endpoint().port()));
+    const auto session = new_token();
+    if (!session) return tl::unexpected(session.error());
+    hub.hello_text = shared(to_json(hub.hello, *session, hub.options.readonly));
+    if (address.loopback) return {};
+    auto token = new_token();
+    if (!token) return tl::unexpected(token.error());
+    hub.token = *std::move(token);
+    url += "?token=" + hub.token;
+    return {};
+  }
+
+  void run() {
+    accept();
+    tick();
+    const SignalsBlocked blocked;
+    thread = std::thread([this] { io.run(); });
+  }
+
+  void end() {
+    asio::post(io, [this] { end_at = Clock::now() + hub.options.limits.farewell; });
+    thread.join();
+    hub.viewers.clear();  // before the context of their sockets
+  }
+
+  void accept() {
+    acceptor.async_accept([this](error_code error, tcp::socket socket) {
+      if (error == asio::error::operation_aborted) return;
+      if (error) return accept_later();
+      if (hub.connections < hub.options.limits.connections) serve(hub, std::move(socket));
+      accept();
+    });
+  }
+
+  /// No descriptor is free.
+  void accept_later() {
+    pause.expires_after(std::chrono::milliseconds(100));
+    pause.async_wait([this](error_code error) {
+      if (!error) accept();
+    });
+  }
+
+  void tick() {
+    timer.expires_after(std::chrono::nanoseconds(std::chrono::seconds(1)) / hub.options.limits.batches_per_s);
+    timer.async_wait([this](error_code) {
+      pass_on();
+      if (end_at && may_end()) return io.stop();
+      tick();
+    });
+  }
+
+  /// What the thread of the steps said, to all viewers.
+  void pass_on() {
+    while (auto message = messages.take()) std::visit([this](const auto& what) { pass_on(what); }, *message);
+    rows.drain([this](std::uint64_t number, std::span<const double> row) {
+      for (const auto& viewer : hub.viewers) viewer->add_row(number, row);
+    });
+    for (const auto& viewer : hub.viewers) viewer->send_rows();
+  }
+  void pass_on(const Status& status) {
+    hub.status_text = shared(to_json(status));
+    for (const auto& viewer : hub.viewers) viewer->tell_status(hub.status_text);
+  }
+  void pass_on(const Event& event) {
+    hub.events.push_back(shared(to_json(event)));
+    if (hub.events.size() > hub.options.limits.events) hub.events.pop_front();
+    for (const auto& viewer : hub.viewers) viewer->tell(hub.events.back());
+  }
+  void pass_on(const Done& done) {
+    const Text text = shared(to_json(done));
+    for (const auto& viewer : hub.viewers)
+      if (viewer->number() == done.viewer) viewer->tell(text);
+  }
+
+  /// Viewers get what is left, and a word that this is the end.
+  bool may_end() {
+    error_code ignored;
+    acceptor.close(ignored);
+    const bool late = Clock::now() >= *end_at;
+    if (hub.viewers.empty() || (late && farewell_said)) return true;
+    const bool idle = std::ranges::all_of(hub.viewers, [](const auto& viewer) { return viewer->idle(); });
+    if (farewell_said || !(idle || late)) return false;
+    farewell_said = true;
+    end_at = Clock::now() + hub.options.limits.farewell;
+    for (const auto& viewer : std::vector(hub.viewers)) viewer->close(Viewer::CloseCode::going_away, "the end");
+    return false;
+  }
+
+  Hub hub;
+  RowRing rows;
+  Queue<std::variant<Status, Event, Done>, 256> messages;
+  std::string url;
+  asio::io_context io{1};
+  tcp::acceptor acceptor{io};
+  asio::steady_timer timer{io}, pause{io};
+  std::thread thread;
+  std::optional<Clock::time_point> end_at;
+  bool farewell_said = false;
+};
+
+Server::Server(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Server::~Server() { impl_->end(); }
+
+Result<std::unique_ptr<Server>> Server::start(const ServerOptions& options, Hello hello) {
+  auto impl = std::make_unique<Impl>(options, std::move(hello));
+  if (auto ok = impl->open(); !ok) return tl::unexpected(ok.error());
+  impl->run();
+  return std::unique_ptr<Server>(new Server(std::move(impl)));
+}
+
+const std::string& Server::url() const { return impl_->url; }
+RowRing& Server::rows() { return impl_->rows; }
+void Server::tell(Status status) { impl_->messages.push(std::move(status)); }
+void Server::tell(Event event) { impl_->messages.push(std::move(event)); }
+void Server::tell(Done done) { impl_->messages.push(std::move(done)); }
+std::optional<Command> Server::take() { return impl_->hub.commands.take(); }
+
+}  // namespace tribotwin::twin::live

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <chrono>
+
+#include <tribotwin/twin/live/server.hpp>
+#include <tribotwin/twin/simulation/twin.hpp>
+
+/// A twin on a live bench.
+namespace tribotwin::twin::live {
+
+/// Joints and columns: time_s, then the channels of telemetry.h5, joint by joint.
+Hello hello_of(const Scenario& scenario, std::string program, std::string version);
+
+/// Tells a server what happens to a twin. For the thread of its steps.
+class TwinFeed {
+ public:
+  explicit TwinFeed(Server& server) : server_(server) {}
+  /// A row as telemetry.h5 has it, of the step that began at `time_s`; now and then the status.
+  void sample(const Twin& twin, double time_s);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  Server& server_;
+  const Clock::time_point started_ = Clock::now();
+  Clock::time_point status_due_ = started_;
+};
+
+}  // namespace tribotwin::twin::live

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include <tribotwin/twin/io/command_line/command_line.hpp>
+#include <tribotwin/twin/live/server.hpp>
+
+namespace tribotwin::twin::live {
+
+/// --web and --web-readonly of the commands that have a live bench.
+struct WebOptions {
+  std::string address;
+  bool readonly = false;
+
+  void add_to(CLI::App& command) {
+    given_ = command
+                 .add_option("--web", address,
+                             "Show the joints in a browser: where the page is served, 127.0.0.1:8080 without a value; "
+                             "port 0 chooses; the line 'web: http://...' says where. An address that others reach "
+                             "needs the token of that line")
+                 ->expected(0, 1);
+    command.add_flag("--web-readonly", readonly, "The page shows and changes nothing")->needs(given_);
+  }
+  bool given() const { return given_ && given_->count() > 0; }
+  /// Serves the page and says where. nullptr where the option is not given; throws InputError where its address is
+  /// wrong or cannot be had.
+  std::unique_ptr<Server> start(Hello hello) const;
+
+ private:
+  CLI::Option* given_ = nullptr;
+};
+
+}  // namespace tribotwin::twin::live
