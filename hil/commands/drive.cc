@@ -7,9 +7,11 @@
 #include <tribotwin/hil/commands/can_options.hpp>
 #include <tribotwin/hil/commands/node_options.hpp>
 #include <tribotwin/hil/commands/status_line.hpp>
+#include <tribotwin/hil/live/bench_feed.hpp>
 #include <tribotwin/hil/session/drive.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/live/web_options.hpp>
 
 namespace tribotwin::hil::program {
 namespace {
@@ -49,6 +51,7 @@ struct Arguments : RobotOptions {
   std::string record, stats, output, faults;
   std::optional<double> duration, bit_rate;
   bool realtime = false, lockstep = false, json = false, quiet = false, force = false;
+  twin::live::WebOptions web;
 
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
@@ -69,6 +72,7 @@ struct Arguments : RobotOptions {
     command.add_option("--faults", faults, "Injected faults: a YAML list (hil/faults/README.md)");
     command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
     add_force(command, force);
+    web.add_to(command);
     command.add_flag("--json", json, "Print the counters of --stats at the end");
     command.add_flag("--quiet", quiet, "No status line");
     command.footer(
@@ -135,6 +139,34 @@ void announce(const Arguments& a, const twin::Scenario& scenario, const Wiring& 
                       bus));
 }
 
+/// What looks at the session while it runs: the status line, and the page if one is asked for.
+struct Viewers {
+  bool line;
+  std::unique_ptr<twin::live::Server> server;
+  std::optional<BenchFeed> feed;
+
+  Viewers(const Arguments& a, const twin::Scenario& scenario)
+      : line(!a.quiet && isatty(STDERR_FILENO)),
+        server(a.web.start(twin::live::hello_of(scenario, "drive", TRIBOTWIN_VERSION))) {
+    if (server) feed.emplace(*server, !a.record.empty() || !a.output.empty());
+  }
+  std::function<void(const twin::Twin&, double)> sample() {
+    if (!feed) return {};
+    return [this](const twin::Twin& twin, double time_s) { feed->sample(twin, time_s); };
+  }
+  std::function<void(const SessionStatus&)> status() {
+    if (!feed && !line) return {};
+    return [this](const SessionStatus& status) {
+      if (line) show(status);
+      if (feed) feed->status(status);
+    };
+  }
+  void note(const std::string& what) {
+    report_nonblocking(fmt::format("{}note: {}\n", line ? "\r\033[K" : "", what));
+    if (feed) feed->note(what);
+  }
+};
+
 int run(const Arguments& a) {
   const twin::Scenario scenario = a.load();
   const Wiring wiring = a.can.wiring(scenario);
@@ -147,10 +179,10 @@ int run(const Arguments& a) {
   const auto conditions = a.start.conditions();
   const auto nodes = node_setups(scenario, a, conditions, Use::live, wiring);
   twin::catch_interrupts();
+  Viewers viewers(a, scenario);
   const auto buses = open_buses(a, scenario, wiring);
   std::vector<Transport*> opened;
   for (const auto& bus : buses) opened.push_back(bus.get());
-  const bool live = !a.quiet && isatty(STDERR_FILENO);
   if (!a.quiet) announce(a, scenario, wiring);
   std::function<void(const std::string&)> show_statistics;
   if (a.json) show_statistics = twin::print_text;
@@ -171,11 +203,10 @@ int run(const Arguments& a) {
                                  .existing = twin::replace_if(a.force),
                                  .faults = faults,
                                  .stop = stop,
-                                 .status = live ? show : std::function<void(const SessionStatus&)>{},
-                                 .note = [&](const std::string& what) {
-                                   report_nonblocking(fmt::format("{}note: {}\n", live ? "\r\033[K" : "", what));
-                                 }});
-  if (live) report_nonblocking("\n");
+                                 .status = viewers.status(),
+                                 .sample = viewers.sample(),
+                                 .note = [&](const std::string& what) { viewers.note(what); }});
+  if (viewers.line) report_nonblocking("\n");
   twin::or_throw(ended);
   return twin::done;
 }

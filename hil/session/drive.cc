@@ -97,6 +97,7 @@ class Session {
   Status run() {
     start_ns_ = now_ns_ = now_us_ns();
     if (auto ok = open(); !ok) return ok;
+    bench_.plant().watch(o_.sample);
     if (o_.realtime) become_real_time(o_.note);
     bench_.start(now_ns_);
     if (record_) keep_record(record_->end());
@@ -163,7 +164,7 @@ class Session {
     if (const auto& failure = bench_.plant().record_failure();
         !failure.empty() && !std::exchange(telemetry_lost_, true))
       lose(failure);
-    if (now_ns_ - status_ns_ >= s_ns / 4) report();
+    if (now_ns_ - status_ns_ >= s_ns / 5) report();
     return {};
   }
 

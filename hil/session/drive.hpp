@@ -48,7 +48,9 @@ struct DriveOptions {
   std::vector<Fault> faults;                         ///< injected, by simulated time
   std::function<bool()> stop;                        ///< polled often; true ends the session
   std::function<void(const SessionStatus&)> status;  ///< a few times a second
-  std::function<void(const std::string&)> note;      ///< called with messages of one line for the user
+  /// What telemetry.h5 would hold, also without `output`, after each step that it has a sample of.
+  std::function<void(const twin::Twin&, double time_s)> sample;
+  std::function<void(const std::string&)> note;  ///< called with messages of one line for the user
 };
 
 /// Runs the drives of a scenario on a bus until `duration_s` or `stop`. When a record cannot be written any more (full

@@ -99,6 +99,7 @@ Result<void> Plant::step(std::span<const std::unique_ptr<BusDrive>> drives) {
       record_failure_ = ok.error().message;
       recorder_.reset();
     }
+  if (sample_ && k % steps_per_sample_ == 0) sample_(twin_, static_cast<double>(k) * dt);
   for (std::size_t i = 0; i < drives.size(); ++i) drives[i]->feedback(feedback(i), dt);
   return {};
 }

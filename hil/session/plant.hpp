@@ -23,13 +23,19 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
 
 class Plant {
  public:
-  explicit Plant(const twin::Scenario& scenario) : scenario_(scenario), twin_(scenario, twin::Twin::commanded) {}
+  explicit Plant(const twin::Scenario& scenario)
+      : scenario_(scenario),
+        twin_(scenario, twin::Twin::commanded),
+        steps_per_sample_(twin::steps_per_sample(scenario)) {}
   /// Also writes telemetry.h5 and scenario.yaml, and summary.json at `finish`. Fails where the folder holds a record
   /// that may not be replaced (ErrorKind::input) or cannot be written (ErrorKind::work).
   Result<void> record(const std::filesystem::path& directory, twin::Existing existing);
   /// Why the record ended early (full disk); the robot continues. Empty while nothing is lost.
   const std::string& record_failure() const { return record_failure_; }
 
+  /// `sample` gets what telemetry.h5 would hold, also without a record, after each step that it has a sample of;
+  /// time_s is that of its start.
+  void watch(std::function<void(const twin::Twin&, double time_s)> sample) { sample_ = std::move(sample); }
   /// Passes the state of the joints to the drives.
   void show(std::span<const std::unique_ptr<BusDrive>> drives);
   /// Length of a simulation step.
@@ -55,6 +61,8 @@ class Plant {
   const twin::Scenario& scenario_;
   twin::Twin twin_;
   std::unique_ptr<twin::Recorder> recorder_;
+  std::function<void(const twin::Twin&, double)> sample_;
+  std::int64_t steps_per_sample_;
   std::string record_failure_;
   std::int64_t left_us_ = 0;
   std::vector<std::optional<double>> frozen_rad_ = std::vector<std::optional<double>>(twin_.model().drives().size());

@@ -68,6 +68,7 @@ ORDER = {
         "faults",
         "timing",
         "session",
+        "live",
         "shadow",
         "conform",
         "examples",

@@ -26,6 +26,7 @@ Json drive_json(const DriveStatus& drive) {
           {"state", or_null(drive.state)},
           {"mode", or_null(drive.mode)},
           {"error_code", drive.error_code},
+          {"error_text", or_null(drive.error_text)},
           {"brake", or_null(drive.brake)}};
 }
 

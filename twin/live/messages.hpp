@@ -36,6 +36,7 @@ struct DriveStatus {
   int node = 0;
   std::string nmt, state, mode;
   std::uint16_t error_code = 0;
+  std::string error_text;
   std::optional<bool> brake;
 };
 

@@ -26,11 +26,15 @@ Hello hello_of(const Scenario& scenario, std::string program, std::string versio
   return hello;
 }
 
-void TwinFeed::sample(const Twin& twin, double time_s) {
-  server_.rows().push([&](std::span<double> row) {
+void push_row(Server& server, const Twin& twin, double time_s) {
+  server.rows().push([&](std::span<double> row) {
     row[0] = time_s;
     read_channels(twin, row.subspan(1));
   });
+}
+
+void TwinFeed::sample(const Twin& twin, double time_s) {
+  push_row(server_, twin, time_s);
   const auto now = Clock::now();
   if (now < status_due_) return;
   status_due_ = now + status_period;

@@ -11,6 +11,9 @@ namespace tribotwin::twin::live {
 /// Joints and columns: time_s, then the channels of telemetry.h5, joint by joint.
 Hello hello_of(const Scenario& scenario, std::string program, std::string version);
 
+/// What telemetry.h5 has of the step that began at `time_s`. For the thread of the steps.
+void push_row(Server& server, const Twin& twin, double time_s);
+
 /// Tells a server what happens to a twin. For the thread of its steps.
 class TwinFeed {
  public:

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <tribotwin/hil/session/drive.hpp>
+#include <tribotwin/twin/live/twin_feed.hpp>
+
+/// A bench of drives on a live page.
+namespace tribotwin::hil {
+
+/// Tells a server what happens on a bench. For the thread of the session.
+class BenchFeed {
+ public:
+  /// `recording`: the session has a record or telemetry.
+  BenchFeed(twin::live::Server& server, bool recording) : server_(server), recording_(recording) {}
+  void sample(const twin::Twin& twin, double time_s) { twin::live::push_row(server_, twin, time_s); }
+  /// The status, and an event for each drive whose error code changed since the last one.
+  void status(const SessionStatus& session);
+  void note(const std::string& text);
+
+ private:
+  void tell_errors(const twin::live::Status& status);
+
+  twin::live::Server& server_;
+  bool recording_;
+  double time_s_ = 0;
+  std::vector<std::uint16_t> codes_;
+};
+
+}  // namespace tribotwin::hil
