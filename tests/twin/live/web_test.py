@@ -1,0 +1,146 @@
+"""`tribotwin run --web` and `tribotwin-hil drive --web`: what a viewer gets is what telemetry.h5 has, to the last bit;
+addresses that are wrong or taken. Arguments: tribotwin, tribotwin-hil, source tree."""
+import base64, json, os, re, socket, struct, subprocess, sys, time
+
+import h5py
+import numpy
+
+from harness import check, check_refused, finish, path, run, work
+
+tribotwin, hil, source = sys.argv[1:]
+scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
+PATIENCE_S = 60
+
+
+def web_address(log):
+    """Of the line 'web:', once it is there."""
+    for _ in range(PATIENCE_S * 20):
+        found = re.search(r"^web: http://(127\.0\.0\.1):(\d+)/$", open(log).read(), re.M)
+        if found:
+            return found[1], int(found[2])
+        time.sleep(0.05)
+    raise RuntimeError(f"no line 'web:' in {open(log).read()!r}")
+
+
+def messages(host, port):
+    """(opcode, content) of all that a viewer gets, to the end."""
+    with socket.create_connection((host, port), PATIENCE_S) as connection:
+        key = base64.b64encode(bytes(16)).decode()
+        connection.sendall(
+            f"GET /live HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {key}\r\n"
+            "Sec-WebSocket-Protocol: tribotwin.live.v1\r\n\r\n".encode()
+        )
+        stream = connection.makefile("rb")
+        status = stream.readline()
+        assert b" 101 " in status, status
+        while stream.readline() != b"\r\n":
+            pass
+        while head := stream.read(2):
+            size = head[1]
+            if size > 125:
+                size = int.from_bytes(stream.read(2 if size == 126 else 8), "big")
+            yield head[0] & 15, stream.read(size)
+            if head[0] & 15 == 8:
+                return
+
+
+def watch(host, port):
+    """Texts by type, the rows with their numbers, and the code of the end."""
+    texts, numbers, rows, end = {}, [], [], None
+    for opcode, content in messages(host, port):
+        if opcode == 1:
+            message = json.loads(content)
+            texts.setdefault(message["type"], []).append(message)
+        elif opcode == 2:
+            kind, count, columns, zero, first = struct.unpack("<IIIIQ", content[:24])
+            assert (kind, zero) == (1, 0)
+            numbers += range(first, first + count)
+            rows.append(numpy.frombuffer(content[24:], "<f8").reshape(count, columns))
+        elif opcode == 8:
+            end = struct.unpack(">H", content[:2])[0]
+    return texts, numpy.array(numbers), numpy.concatenate(rows), end
+
+
+def compare(name, folder, hello, numbers, rows):
+    with h5py.File(path(folder, "telemetry.h5")) as file:
+        channels = [file[c["joint"]][c["name"]] if c["joint"] else file[c["name"]] for c in hello["columns"]]
+        recorded, units = [c[:] for c in channels], [c.attrs["unit"].decode() for c in channels]
+    recorded = numpy.stack(recorded, axis=1)
+    check(f"{name}: most rows of the record came", len(numbers) > 0.5 * len(recorded), (len(numbers), len(recorded)))
+    check(f"{name}: rows are numbered without a gap", (numpy.diff(numbers) == 1).all(), numbers)
+    check(f"{name}: the last row came", numbers[-1] == len(recorded) - 1, (numbers[-1], len(recorded)))
+    same = rows.view("u8") == recorded[numbers].view("u8")
+    check(f"{name}: every double equals that of telemetry.h5", same.all(), numpy.argwhere(~same)[:5])
+    check(f"{name}: something moved", rows.std(axis=0).max() > 0)
+    check(f"{name}: units are those of telemetry.h5", units == [c["unit"] for c in hello["columns"]], units)
+    joints = [j["name"] for j in hello["joints"]]
+    check(f"{name}: joints", joints == [f"joint{i}" for i in range(1, 7)], joints)
+
+
+def follow(name, folder, *command):
+    with open(path(folder + ".log"), "w") as log:
+        process = subprocess.Popen([*command, "-o", folder, "--web", "127.0.0.1:0"], cwd=work, stderr=log)
+        try:
+            texts, numbers, rows, end = watch(*web_address(path(folder + ".log")))
+            code = process.wait(PATIENCE_S)
+        finally:
+            process.kill()
+    said = open(path(folder + ".log")).read()
+    check(f"{name}: ends well", code == 0, said)
+    check(f"{name}: says good bye", end == 1001, end)
+    compare(name, folder, texts["hello"][0], numbers, rows)
+    return texts
+
+
+def test_run():
+    texts = follow(
+        "run", "run", tribotwin, "run", scenario, "--realtime", "--quiet", "--set", "duration_s=4", "--set",
+        "telemetry_rate_hz=500",
+    )  # fmt: skip
+    check("run: hello", texts["hello"][0]["program"] == "run" and texts["hello"][0]["step_s"] == 0.001, texts["hello"])
+    statuses = texts["status"]
+    check("run: statuses", 5 < len(statuses) < 40 and statuses[-1]["drives"] is None, len(statuses))
+
+
+def test_drive():
+    texts = follow("drive", "drive", hil, "drive", scenario, "--can", "memory:web", "--realtime", "--duration", "4")
+    check("drive: hello", texts["hello"][0]["program"] == "drive", texts["hello"])
+    last = texts["status"][-1]
+    words = [(d["node"], d["nmt"], d["state"], d["mode"], d["error_code"], d["brake"]) for d in last["drives"]]
+    expected = [(i, "pre-operational", "switch on disabled", "CSP", 0, True) for i in range(1, 7)]
+    check("drive: words of the drives", words == expected, words)
+    check("drive: its bus", last["buses"][0]["name"] == "web" and last["buses"][0]["frames_out"] >= 6, last)
+
+
+def test_wrong_addresses():
+    """All exit codes are 2, with the address in the message, and nothing is written."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        in_use = f"127.0.0.1:{taken.getsockname()[1]}"
+        for address, says in (
+            (in_use, f"--web {in_use}: Address already in use"),
+            ("127.0.0.1:x", "'127.0.0.1:x': the port must be 0 to 65535"),
+            ("example.org:80", "'example.org:80': the address must be a numeric one of this machine"),
+            ("192.0.2.1:0", "--web 192.0.2.1:0: Cannot assign requested address"),
+        ):
+            for program, command in (
+                (tribotwin, ["run", scenario, "--quiet"]),
+                (hil, ["drive", scenario, "--can", "memory:w", "--quiet", "--record", "no.log"]),
+            ):
+                name = f"{command[0]} --web {address}"
+                check_refused(name, run(program, *command, "-o", "none", "--web", address), says)
+                check(f"{name}: nothing is written", not any(os.path.exists(path(f)) for f in ("none", "no.log")))
+    check_refused("--web-readonly alone", run(tribotwin, "run", scenario, "--web-readonly"), "--web", lines=None)
+
+
+def test_vary():
+    with open(path("vary.yaml"), "w") as file:
+        file.write(f"model: {source}/mjcf/irb6620.xml\nduration_s: 1\nvary: [{{temperature_degC: [20, 30]}}]\n")
+    check_refused("vary has several runs", run(tribotwin, "run", "vary.yaml", "--web"), "shows one run")
+
+
+test_wrong_addresses()
+test_vary()
+test_run()
+test_drive()
+finish()
