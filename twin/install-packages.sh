@@ -9,7 +9,8 @@ packages=(
   libzip-dev libmatio-dev                              # tables in .npz and .mat
   liblz4-dev libzstd-dev                               # chunks of .mcap
   libsqlite3-dev libpqxx-dev                           # the store of a fleet: a file, or PostgreSQL
-  libceres-dev libboost-dev                            # identification: trust region, distributions
+  libceres-dev libboost-dev                            # identification: trust region, distributions; the live bench
+  libjs-dygraphs                                       # histories on the page of the live bench
   libosmesa6-dev liblodepng-dev libpango1.0-dev pkg-config   # pictures
   gnuplot-nox fonts-dejavu-core                              # run by tribotwin-report
 )
