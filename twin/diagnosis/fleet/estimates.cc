@@ -14,8 +14,6 @@ constexpr std::array<std::size_t, 10> lags{1, 2, 3, 4, 6, 8, 12, 16, 24, 32};   
 constexpr double collinear = 0.998;   ///< two causes of scatter that agree so well over all pairs cannot be separated
 constexpr double floor_share = 1e-3;  ///< minimum of the measurement's share in the scatter
 constexpr int between_rounds = 200;
-constexpr double worth_splitting = 0.02;  ///< probability of a phi from which on several lambda are tried
-constexpr double lambda_variance_small = 0.05, lambda_step_maximum = 1.5;  ///< of ln lambda
 constexpr double improbable = 1e-3;            ///< probability below which a phi is left out
 constexpr std::size_t likelihood_rows = 6000;  ///< at most so many take part in the likelihood of the scatter
 
@@ -201,19 +199,6 @@ double most_likely_scatter(TypeModel& type, std::size_t region, const std::vecto
   return total;
 }
 
-/// Where the curves leave open how much of the scatter is of days, three models by the quadrature of Gauss and Hermite.
-void split_lambda(std::size_t which, std::vector<RegionModel>& models) {
-  RegionModel& m = models[which];
-  if (m.probability < worth_splitting || m.lambda_variance.maxCoeff() < lambda_variance_small) return;
-  const VectorXd step = (3 * m.lambda_variance).cwiseSqrt().cwiseMin(lambda_step_maximum);
-  m.lambda_variance.setZero();
-  RegionModel less = m, more = m;
-  less.lambda.array() *= (-step).array().exp(), more.lambda.array() *= step.array().exp();
-  less.probability = more.probability = m.probability / 6;
-  m.probability *= 2.0 / 3;
-  models.push_back(std::move(less)), models.push_back(std::move(more));
-}
-
 double digamma(double x) {
   double sum = 0;
   for (; x < 8; ++x) sum -= 1 / x;
@@ -294,8 +279,6 @@ std::vector<RegionModel> learn_noise(const EachRobot& each, const WithinRobots& 
   for (auto& m : models) sum += m.probability = std::exp(m.probability - highest);
   for (auto& m : models) m.probability /= sum;
   std::erase_if(models, [](const RegionModel& m) { return m.probability < improbable; });
-  const std::size_t count = models.size();
-  for (std::size_t k = 0; k < count; ++k) split_lambda(k, models);
   return models;
 }
 

@@ -11,10 +11,7 @@ namespace {
 
 using Eigen::Index;
 
-constexpr double lambda_step = 0.2;  ///< of ln lambda, for the effect of lambda on a variance
-/// Of the freedom of the residuals: they are divided between two covariance matrices of any directions, S_n and S_d.
-/// Chosen on synthetic plants (40 robots with 3 to 6 curves each); without effect where there are many curves.
-constexpr double directions_share = 0.25;
+constexpr double lambda_step = 0.2;             ///< of ln lambda, for the effect of lambda on a variance
 constexpr double lambda_variance_known = 1e-4;  ///< variance of ln lambda below which it counts as known
 
 RegressionMatrix inverse_of(const RegressionMatrix& positive) {
@@ -38,9 +35,10 @@ double exceeded_by_chance(const RegionModel& m, double statistic, const Uncertai
   const auto p = static_cast<double>(m.features());
   const double within = std::max(1 - u.between, 1e-3);
   // Satterthwaite's degrees of freedom of a sum of estimated covariances, f of a relative variance 2 / f, and
-  // Hotelling's correction for them.
-  const double of_covariance = 1 / (u.by_lambda / 2 + within * within / (directions_share * m.noise_freedom) +
-                                    u.between * u.between / m.between_freedom);
+  // Hotelling's correction for them: what is known of the variance along a direction, with what lambda leaves open, is
+  // taken for what is known of the directions too.
+  const double of_covariance =
+      1 / (u.by_lambda / 2 + within * within / m.noise_freedom + u.between * u.between / m.between_freedom);
   const double below = of_covariance - p + 1;
   if (below < 2) return 1;
   return fisher_f_above(p, 1 / (within * within / scale_freedom + 1 / below), statistic * below / of_covariance / p);

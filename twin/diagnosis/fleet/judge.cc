@@ -27,11 +27,30 @@ double log_student(double p, double freedom, double log_variance, double statist
          log_variance / 2 - (freedom + p) / 2 * std::log1p(statistic / freedom);
 }
 
+constexpr double lowest_factor = -0.4, factor_step = 0.1;  ///< logarithms
+constexpr double factor_deviation = 0.2;  ///< of the logarithm, beforehand: the model is taken for true to so much
+
 }  // namespace
 
-PersistenceWeights::PersistenceWeights(const TypeModel& type) {
+double log_factor(std::size_t i) { return lowest_factor + factor_step * static_cast<double>(i); }
+
+double log_prior_of_factor(std::size_t i, const RegionModel& m) {
+  const auto density = [&](std::size_t k) {
+    return -0.5 * log_factor(k) * log_factor(k) / (factor_deviation * factor_deviation + 2 / m.noise_freedom);
+  };
+  double sum = 0;
+  for (std::size_t k = 0; k < factor_count; ++k) sum += std::exp(density(k));
+  return density(i) - std::log(sum);
+}
+
+PersistenceWeights::PersistenceWeights(const TypeModel& type, WeightsOf what) {
+  const bool factors = what == WeightsOf::shifts;
   for (std::size_t r = 0; r < regions.size(); ++r)
-    for (std::size_t k = 0; k < type.choices(r); ++k) log_[r].push_back(std::log(type.choice(r, k).probability));
+    for (std::size_t k = 0; k < type.choices(r); ++k) {
+      const RegionModel& m = type.choice(r, k);
+      for (std::size_t i = 0; i < (factors ? factor_count : 1); ++i)
+        log_[r].push_back(std::log(m.probability) + (factors ? log_prior_of_factor(i, m) : 0));
+    }
 }
 
 void PersistenceWeights::add(const Evidence& joint) {
@@ -81,10 +100,13 @@ Shift Judge::shift(const Rows& healthy, const Rows& recent) const {
       const JointSeries series(c, healthy, recent);
       const Scale scale = series.scale();
       const WindowFit fit = series.window(scale);
-      out.by_chance[r].push_back(exceeded_by_chance(c.model, fit.statistic, fit.uncertainty, scale.freedom));
       const auto p = static_cast<double>(c.p);
       const double log_variance = std::log(fit.covariance.determinant()) - 2 * c.log_determinant;
-      out.evidence.healthy[r].push_back(log_student(p, scale.freedom, log_variance, fit.statistic));
+      for (std::size_t i = 0; i < factor_count; ++i) {
+        const double statistic = fit.statistic / std::exp(log_factor(i));
+        out.by_chance[r].push_back(exceeded_by_chance(c.model, statistic, fit.uncertainty, scale.freedom));
+        out.evidence.healthy[r].push_back(log_student(p, scale.freedom, log_variance + p * log_factor(i), statistic));
+      }
       if (&c != &region.choices.front()) continue;
       out.evidence.other[r] =
           log_student(p, scale.freedom, log_variance + p * std::log(others_variance), fit.statistic / others_variance);

@@ -10,8 +10,17 @@
 /// What the newest observations say about one joint of a robot.
 namespace tribotwin::twin::diagnosis::fleet {
 
-/// Numbers by region and persistence (TypeModel::choice).
+/// Numbers by region and persistence (TypeModel::choice); of a Shift by persistence and factor, the factors of one
+/// persistence one after the other.
 using ByChoice = std::array<std::vector<double>, 2>;
+
+/// What the variance of a shift may be relative to what the type says. The variance of the mean over days is
+/// extrapolated from healthy curves, all joints of a type with the same error: for one joint that is an uncertainty
+/// among others, but a plant has it in all joints at once. The shifts of all joints tell which factor is true.
+constexpr std::size_t factor_count = 13;
+double log_factor(std::size_t i);
+/// ln of its probability beforehand: the logarithm of the factor is normal about 0.
+double log_prior_of_factor(std::size_t i, const RegionModel& model);
 
 /// Log densities of what was observed of one joint.
 struct Evidence {
@@ -35,12 +44,15 @@ struct Shift {
   std::size_t observations = 0;
 };
 
+/// Charts have no factors: a chart compares each curve with those before it, so that nothing is extrapolated.
+enum class WeightsOf { shifts, charts };
+
 /// How probable each persistence is. The healthy curves say it as far as they span days; the shifts of all joints say
 /// more, because most joints are healthy, and their shifts have the variance that the true persistence gives them
 /// (Efron 2004 takes the whole null distribution from there). With joints that are not healthy as a mixture.
 class PersistenceWeights {
  public:
-  explicit PersistenceWeights(const TypeModel& type);
+  PersistenceWeights(const TypeModel& type, WeightsOf what);
   void add(const Evidence& joint);
   ByChoice weights() const;
 

@@ -117,7 +117,7 @@ using ModelKey = std::pair<std::string, std::string>;
 /// The joints with observations in the time, and the models by which they are judged. On all ranks.
 class EachJoint {
  public:
-  EachJoint(Store* store, std::int64_t from_s, std::int64_t to_s, unsigned threads)
+  EachJoint(Store* store, std::int64_t from_s, std::int64_t to_s, unsigned threads, WeightsOf what)
       : store_(store), from_s_(from_s), to_s_(to_s), threads_(threads) {
     const std::string texts = or_throw(ranks().from_root([&]() -> Result<std::string> {
       BytesOut out;
@@ -129,7 +129,7 @@ class EachJoint {
       throw InputError("the store holds no healthy state: begin with tribotwin fleet learn HEALTHY_DATA -o FLEET");
     for (std::size_t i = 0; i < models_.size(); ++i) {
       judges_.emplace_back(models_[i]);
-      weights_.emplace_back(models_[i]);
+      weights_.emplace_back(models_[i], what);
       by_name_.emplace(ModelKey{models_[i].type, models_[i].joint}, i);
     }
     if (store_) joints_ = store_->joints();
@@ -391,7 +391,7 @@ std::vector<TypeModel> learn_fleet(Store& store, std::vector<std::string>& notes
 
 Survey check_fleet(Store* store, const SurveyOptions& o) {
   Survey survey{.time_s = end_of(store, o)};
-  EachJoint each(store, survey.time_s - seconds(o.days) + 1, survey.time_s, o.threads);
+  EachJoint each(store, survey.time_s - seconds(o.days) + 1, survey.time_s, o.threads, WeightsOf::shifts);
   std::vector<Candidate> candidates;
   each.run(
       survey,
@@ -414,7 +414,7 @@ Survey check_fleet(Store* store, const SurveyOptions& o) {
 
 Survey watch_fleet(Store* store, const SurveyOptions& o) {
   Survey survey{.time_s = end_of(store, o)};
-  EachJoint each(store, -always, survey.time_s, o.threads);
+  EachJoint each(store, -always, survey.time_s, o.threads, WeightsOf::charts);
   const CusumTail tail;
   std::vector<Candidate> candidates;
   DailyLists daily;

@@ -122,7 +122,9 @@ MatrixXd whiten(const RegionModel& m, Index component, std::span<const double> d
   for (Index i = 0; i < columns.rows(); ++i) {
     const auto at = static_cast<std::size_t>(i);
     if (i > 0) {
-      const double gap = std::max(0.0, days[at] - days[at - 1]), kept = gap > 0 ? std::pow(m.persistence, gap) : 1;
+      const double gap = std::max(0.0, days[at] - days[at - 1]), kept = gap == 1  ? m.persistence
+                                                                        : gap > 0 ? std::pow(m.persistence, gap)
+                                                                                  : 1;
       state *= kept;
       variance = kept * kept * variance + lambda * (1 - kept * kept);
     }

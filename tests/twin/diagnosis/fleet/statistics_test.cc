@@ -1,4 +1,4 @@
-// False discoveries and power over synthetic plants. TRIBOTWIN_PLANTS=100 TRIBOTWIN_FIRST_SEED=50001 for the figures
+// False discoveries and power over synthetic plants. TRIBOTWIN_PLANTS=100 TRIBOTWIN_FIRST_SEED=71001 for the figures
 // of the README.
 #include <cstdlib>
 
@@ -24,6 +24,13 @@ TypeModel learned(const Plant& plant) {
   if (!type) throw std::runtime_error(type.error().message);
   return *type;
 }
+
+/// Where the variance is what the model says.
+const std::size_t factor_one = [] {
+  for (std::size_t i = 0; i < factor_count; ++i)
+    if (std::abs(log_factor(i)) < 1e-9) return i;
+  throw std::logic_error("no factor of 1");
+}();
 
 struct Case {
   const char* name;
@@ -66,7 +73,7 @@ TEST_P(Discoveries, AreFalseAtTheNominalRateAndFindWear) {
     const Plant plant(GetParam().plant, seed);
     const TypeModel type = learned(plant);
     const Judge judge(type);
-    PersistenceWeights of_shifts(type), of_charts(type);
+    PersistenceWeights of_shifts(type, WeightsOf::shifts), of_charts(type, WeightsOf::charts);
     std::vector<Shift> shifts;
     std::vector<Chart> charts;
     for (const auto& j : plant.joints) {
@@ -110,8 +117,46 @@ TEST(TypeModelOf, ARobotWithoutCurvesIsExpectedToBeLikeTheOthers) {
   const Judge judge(type);
   int beyond = 0;
   for (const auto& j : plant.joints)
-    beyond += by_chance(judge.shift({}, j.recent).by_chance, PersistenceWeights(type).weights()) < 0.05;
+    beyond +=
+        by_chance(judge.shift({}, j.recent).by_chance, PersistenceWeights(type, WeightsOf::shifts).weights()) < 0.05;
   EXPECT_LE(beyond, 9);  // of 60 at 5 %: 3, and 3 standard deviations
+}
+
+/// With the model by which a plant is made, nothing estimated, p of both regions is uniform.
+TEST(Shift, HasAUniformPUnderTheTrueModel) {
+  constexpr std::array levels{0.5, 0.2, 0.1, 0.05, 0.01, 1e-3};
+  for (const double persistence : {0.0, 0.8}) {
+    const PlantOptions options{.robots = 15000, .learned = 6, .persistence = persistence, .worn = 0};
+    const TypeModel type = true_model(options);
+    const Judge judge(type);
+    const Plant plant(options, 72001);
+    for (std::size_t r = 0; r < regions.size(); ++r) {
+      std::array<double, levels.size()> below{};
+      for (const auto& j : plant.joints) {
+        const Shift shift = judge.shift(j.healthy, j.recent);
+        for (std::size_t k = 0; k < levels.size(); ++k) below[k] += shift.by_chance[r][factor_one] < levels[k];
+      }
+      for (std::size_t k = 0; k < levels.size(); ++k) {
+        const double n = static_cast<double>(options.robots), sigma = std::sqrt(levels[k] * (1 - levels[k]) / n);
+        EXPECT_NEAR(below[k] / n, levels[k], 4 * sigma) << persistence << ' ' << r;
+      }
+    }
+  }
+}
+
+TEST(PersistenceWeights, FindByWhichFactorShiftsScatterOtherwiseThanTheModelSays) {
+  // Scatter that differs from robot to robot would be each robot's own.
+  const PlantOptions options{.robots = 1000, .scale_freedom = 1e6, .worn = 0};
+  TypeModel type = true_model(options);
+  for (auto& m : type.region) m.decouple *= std::sqrt(1.3), m.mean *= std::sqrt(1.3), m.between *= 1.3;
+  const Judge judge(type);
+  PersistenceWeights weights(type, WeightsOf::shifts);
+  for (const auto& j : Plant(options, 72002).joints) weights.add(judge.shift(j.healthy, j.recent).evidence);
+  for (const auto& w : weights.weights()) {
+    double mean = 0;
+    for (std::size_t i = 0; i < factor_count; ++i) mean += w[i] * log_factor(i);
+    EXPECT_NEAR(mean, std::log(1.3), 0.12);  // of 1,000 joints with 2 numbers: 4 times 0.03
+  }
 }
 
 TEST(Adjusted, IsThatOfBenjamini1995) {
