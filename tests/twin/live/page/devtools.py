@@ -1,0 +1,140 @@
+"""A tab of Debian's chromium, driven over its DevTools socket."""
+import base64, itertools, json, os, subprocess, threading, time, urllib.request
+
+import frames
+
+
+class Browser:
+    def __init__(self, folder):
+        self.folder = os.path.join(folder, "browser")
+        self.process = subprocess.Popen(
+            ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+            + ["--remote-debugging-port=0", "--hide-scrollbars", "--user-data-dir=" + self.folder, "about:blank"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        self.port = int(self.until(self.port_file, 30).split()[0])
+
+    def port_file(self):
+        try:
+            with open(os.path.join(self.folder, "DevToolsActivePort")) as f:
+                return f.read() or None
+        except FileNotFoundError:
+            return None
+
+    @staticmethod
+    def until(condition, seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            found = condition()
+            if found:
+                return found
+            time.sleep(0.03)
+        raise TimeoutError(f"not within {seconds} s")
+
+    def tab(self):
+        with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/json/list") as answer:
+            page = next(t for t in json.load(answer) if t["type"] == "page")
+        return Tab(frames.connect("127.0.0.1", self.port, "/devtools/page/" + page["id"]))
+
+    def close(self):
+        self.process.terminate()
+        try:
+            self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+class Tab:
+    """Commands and what the page did: `console` (errors, warnings, exceptions), `requests` (addresses)."""
+
+    def __init__(self, socket):
+        self.socket, self.answers, self.numbers = socket, {}, itertools.count(1)
+        self.console, self.requests, self.loads = [], [], 0
+        self.arrived = threading.Condition()
+        threading.Thread(target=self.listen, daemon=True).start()
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.command(domain + ".enable")
+
+    def listen(self):
+        try:
+            while True:
+                message = json.loads(self.socket.receive()[1])
+                with self.arrived:
+                    if "id" in message:
+                        self.answers[message["id"]] = message
+                    else:
+                        self.note(message["method"], message["params"])
+                    self.arrived.notify_all()
+        except (ConnectionError, OSError):
+            pass
+
+    def note(self, method, event):
+        if method == "Runtime.exceptionThrown":
+            details = event["exceptionDetails"]
+            self.console.append(details.get("exception", {}).get("description") or details["text"])
+        elif method == "Runtime.consoleAPICalled" and event["type"] in ("error", "warning", "assert"):
+            self.console.append(str([a.get("value") for a in event["args"]]))
+        elif method == "Log.entryAdded" and event["entry"]["level"] in ("error", "warning"):
+            self.console.append(event["entry"]["text"] + " " + event["entry"].get("url", ""))
+        elif method == "Network.requestWillBeSent":
+            self.requests.append(event["request"]["url"])
+        elif method == "Network.webSocketCreated":
+            self.requests.append(event["url"])
+        elif method == "Page.loadEventFired":
+            self.loads += 1
+
+    def command(self, method, **parameters):
+        number = next(self.numbers)
+        self.socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        with self.arrived:
+            if not self.arrived.wait_for(lambda: number in self.answers, 30):
+                raise TimeoutError(method)
+            answer = self.answers.pop(number)
+        if "error" in answer:
+            raise RuntimeError(f"{method}: {answer['error']}")
+        return answer["result"]
+
+    def go(self, address):
+        loads = self.loads
+        self.command("Page.navigate", url=address)
+        with self.arrived:
+            if not self.arrived.wait_for(lambda: self.loads > loads, 30):
+                raise TimeoutError("load of " + address)
+
+    def value(self, expression):
+        """Of JavaScript in the page. The DevTools evaluate it, which the page's own policy forbids to the page."""
+        result = self.command("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        if "exceptionDetails" in result:
+            raise RuntimeError(expression + ": " + str(result["exceptionDetails"].get("exception", result)))
+        return result["result"].get("value")
+
+    def until(self, expression, seconds=8):
+        """The first true value, else the last one."""
+        end = time.monotonic() + seconds
+        while True:
+            value = self.value(expression)
+            if value or time.monotonic() > end:
+                return value
+            time.sleep(0.05)
+
+    def window(self, width, height, scheme="light"):
+        mobile = {"deviceScaleFactor": 1, "mobile": False}
+        self.command("Emulation.setDeviceMetricsOverride", width=width, height=height, **mobile)
+        scheme = [{"name": "prefers-color-scheme", "value": scheme}]
+        self.command("Emulation.setEmulatedMedia", features=scheme)
+
+    def key(self, key, code=0, modifiers=0):
+        text = {"text": key} if len(key) == 1 and not modifiers else {}
+        press = {"key": key, "windowsVirtualKeyCode": code, "modifiers": modifiers}
+        self.command("Input.dispatchKeyEvent", type="keyDown", **press, **text)
+        self.command("Input.dispatchKeyEvent", type="keyUp", **press)
+
+    def mouse(self, kind, x, y, **more):
+        self.command("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+
+    def picture(self, file, whole=True):
+        shot = self.command("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+        with open(file, "wb") as f:
+            f.write(base64.b64decode(shot["data"]))

@@ -1,0 +1,130 @@
+"""A bench that says what a test wants: the HTTP and WebSocket side of twin/live, with made-up drives."""
+import http.server, json, os, struct, threading
+
+import frames
+
+DYGRAPHS = "/usr/share/javascript/dygraphs/dygraph.min.js"
+TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
+POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'"
+QUANTITIES = [
+    ("position_rad", "rad"),
+    ("velocity_rad_s", "rad/s"),
+    ("motor_torque_nm", "Nm"),
+    ("friction_nm", "Nm"),
+    ("load_nm", "Nm"),
+    ("temperature_degC", "degC"),
+]
+COMMANDS = ["pause", "resume", "step", "marker", "fault", "ambient", "payload", "wear"]
+
+
+def hello(joints=6, **changes):
+    columns = [{"joint": None, "name": "time_s", "unit": "s"}]
+    names = [f"joint{i + 1}" for i in range(joints)]
+    columns += [{"joint": j, "name": name, "unit": unit} for j in names for name, unit in QUANTITIES]
+    return {
+        "type": "hello",
+        "version": "1.2.3",
+        "program": "drive",
+        "scenario": "irb6620_hold",
+        "session": "first",
+        "readonly": False,
+        "step_s": 0.001,
+        "commands": COMMANDS,
+        "joints": [{"name": j, "law": "load", "limit_degC": 120.0, "gear_ratio": 100.0} for j in names],
+        "columns": columns,
+        **changes,
+    }
+
+
+class Handler(http.server.BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def log_message(self, *_):
+        pass
+
+    def do_GET(self):
+        bench = self.server.bench
+        path = self.path.split("?")[0]
+        if path == "/live":
+            return self.live(bench)
+        name = "index.html" if path == "/" else path[1:]
+        file = DYGRAPHS if name == "dygraph.min.js" else os.path.join(bench.folder, name)
+        kind = TYPES.get(os.path.splitext(name)[1])
+        if "/" in name or not kind or not os.path.isfile(file):
+            bench.not_found.append(self.path)
+            return self.send_error(404)
+        with open(file, "rb") as f:
+            body = f.read()
+        self.send_response(200)
+        for key, value in (("Content-Type", kind), ("Content-Length", len(body)), ("Content-Security-Policy", POLICY)):
+            self.send_header(key, str(value))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def live(self, bench):
+        self.send_response(101)
+        self.send_header("Upgrade", "websocket")
+        self.send_header("Connection", "Upgrade")
+        self.send_header("Sec-WebSocket-Accept", frames.accept_key(self.headers["Sec-WebSocket-Key"]))
+        self.send_header("Sec-WebSocket-Protocol", self.headers.get("Sec-WebSocket-Protocol", ""))
+        self.end_headers()
+        self.wfile.flush()
+        self.close_connection = True
+        viewer = frames.Socket(self.connection, masks=False)
+        bench.joined(viewer)
+        try:
+            while True:
+                bench.said(viewer, json.loads(viewer.receive()[1]))
+        except (ConnectionError, OSError):
+            bench.viewers.discard(viewer)
+
+
+class MockBench:
+    """Serves `folder` on a port of its own; rows and messages go to every viewer."""
+
+    def __init__(self, folder, said_hello, port=0):
+        self.folder, self.hello, self.viewers = folder, said_hello, set()
+        self.messages, self.not_found, self.events = [], [], []
+        self.refuse = set()  # names of commands
+        http.server.ThreadingHTTPServer.allow_reuse_address = True
+        self.server = http.server.ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        self.server.daemon_threads, self.server.bench = True, self
+        self.port = self.server.server_address[1]
+        threading.Thread(target=self.server.serve_forever, args=(0.05,), daemon=True).start()
+
+    def joined(self, viewer):
+        for message in [self.hello, *self.events]:
+            viewer.send(json.dumps(message))
+        self.viewers.add(viewer)
+
+    def said(self, viewer, message):
+        self.messages.append(message)
+        if message["type"] == "command":
+            ok = message["do"] not in self.refuse
+            answer = {"type": "done", "id": message["id"], "ok": ok, "message": "" if ok else "<b>not now</b>"}
+            viewer.send(json.dumps(answer))
+
+    def tell(self, payload):
+        for viewer in list(self.viewers):
+            try:
+                viewer.send(payload)
+            except OSError:
+                self.viewers.discard(viewer)
+
+    def say(self, message):
+        if message["type"] == "event":
+            self.events.append(message)
+        self.tell(json.dumps(message))
+
+    def rows(self, first, rows):
+        columns = len(self.hello["columns"])
+        head = struct.pack("<IIIIQ", 1, len(rows), columns, 0, first)
+        self.tell(head + b"".join(struct.pack(f"<{columns}d", *row) for row in rows))
+
+    def kill(self):
+        """As a killed process: the port is free, every connection is cut."""
+        self.server.shutdown()
+        self.server.server_close()
+        for viewer in list(self.viewers):
+            viewer.close()
+        self.viewers.clear()

@@ -1,0 +1,132 @@
+// The live bench: joins the connection with what is shown.
+import { Acting } from './acting.js';
+import { Buses } from './bus.js';
+import { Connection } from './connection.js';
+import { byId, setText } from './dom.js';
+import { Events } from './events.js';
+import { duration, number, showNumber } from './format.js';
+import { Friction } from './friction.js';
+import { Plots } from './plots.js';
+import { Ring } from './rows.js';
+import { Tiles, showWrong } from './tiles.js';
+
+const textEvery_ms = 100;  // faster, nobody reads numbers
+const drawingShare = 3;    // of the time at most a third goes into drawing
+
+const page = { hello: null, status: null, link: { up: false, text: 'connecting' }, problem: null };
+const counts = { rows: number('rows'), lost: number('rows_lost') };
+
+/// A hello of another session, or of other columns, begins anew; that of the same session goes on.
+function begin(hello) {
+  const same = page.hello && page.hello.session === hello.session &&
+    JSON.stringify(page.hello.columns) === JSON.stringify(hello.columns);
+  page.status = null;
+  page.problem = null;
+  page.events ??= new Events((time_s) => page.plots?.look(time_s - 2, time_s + 2));
+  page.events.clear();
+  const watched = page.friction?.joint?.name;
+  page.hello = hello;
+  setText(byId('program'), hello.program);
+  setText(byId('scenario'), `${hello.scenario} · version ${hello.version}`);
+  document.title = `${hello.scenario} · tribotwin ${hello.program}`;
+  if (!same) build(hello);
+  page.acting = new Acting(hello, (message) => page.connection.send(message));
+  page.buses = new Buses();
+  const joints = hello.joints.map((joint) => joint.name);
+  if (joints.length) page.friction.choose(joints.includes(watched) ? watched : joints[0]);
+}
+
+function build(hello) {
+  page.ring = new Ring(hello.columns.length, hello.step_s);
+  page.columns = new Map(hello.columns.map((column, i) => [`${column.joint} ${column.name}`, i]));
+  page.plots?.size.disconnect();
+  page.friction?.size.disconnect();
+  page.plots = new Plots(hello, page.ring, page.events);
+  page.friction = new Friction(hello, page.ring, (joint) => page.connection.send({ type: 'watch', joint }));
+  page.tiles = new Tiles(hello, (joint) => page.friction.choose(joint));
+}
+
+const messages = {
+  hello: begin,
+  status: (status) => { page.status = status; },
+  event: (event) => page.events?.add(event),
+  law: (law) => page.friction?.accept(law),
+  done: (answer) => {
+    if (answer.id === null && !answer.ok && page.friction) page.friction.refusal = answer.message;
+    page.acting?.done(answer);
+  },
+};
+
+const newest = (joint, name) => {
+  const { ring } = page, column = page.columns.get(`${joint} ${name}`);
+  return ring.last < 0 || column === undefined ? null : ring.at(ring.last, column);
+};
+
+function showText() {
+  const { status, ring, link } = page;
+  setText(byId('connection_text'), link.text);
+  byId('connection').dataset.state = !link.up ? 'down' : link.stale ? 'stale' : 'up';
+  document.body.dataset.link = byId('connection').dataset.state;
+  byId('retry').hidden = link.up;
+  const wrong = link.up ? [] : [['connection', page.hello ? 'lost: what is shown is old' : 'none yet', 'connection']];
+  if (link.stale) wrong.push(['connection', 'silent: what is shown is old', 'connection']);
+  if (page.problem) wrong.push(['connection', page.problem, 'connection']);
+  if (page.hello) {
+    wrong.push(...page.tiles.show(status, newest), ...page.buses.show(status));
+    setText(byId('simulated'), duration(status?.simulated_s));
+    byId('simulated').title = status ? `${status.simulated_s} s` : '';
+    setText(byId('wall'), duration(status?.wall_s));
+    setText(byId('run_state'), !status ? '–' : (status.paused ? 'paused' : 'running') + (status.recording ? ', recording' : ''));
+    showNumber(counts.rows, ring.received, '');
+    showNumber(counts.lost, ring.lost, '');
+    byId('lost').classList.toggle('bad', ring.lost > 0);
+    if (ring.last >= 0) page.events.draw(ring.time(ring.begin), ring.time(ring.last));
+  }
+  showWrong(wrong);
+}
+
+let nextText = 0, nextDrawing = 0, drawnRows = -1;
+function frame(now) {
+  requestAnimationFrame(frame);
+  if (page.hello && now >= nextDrawing) {
+    const fresh = page.ring.written !== drawnRows, { plots } = page;
+    if ((fresh && !plots.fixed) || plots.dirty) plots.draw();
+    if (fresh) page.friction.draw();
+    drawnRows = page.ring.written;
+    nextDrawing = now + (drawingShare - 1) * (performance.now() - now);
+  }
+  if (now >= nextText) {
+    showText();
+    nextText = now + textEvery_ms;
+  }
+}
+
+const keys = {
+  h: () => page.plots?.hold(), Escape: () => page.plots?.live(), '+': () => page.plots?.zoom(0.5),
+  '-': () => page.plots?.zoom(2), m: () => byId('marker_text')?.focus(),
+  w: () => page.tiles?.warmest && byId('drive_' + page.tiles.warmest).focus(),
+};
+addEventListener('keydown', (event) => {
+  if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest('input, select, textarea')) return;
+  if (!keys[event.key]) return;
+  event.preventDefault();
+  keys[event.key]();
+});
+matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
+  page.plots?.retheme();
+  page.friction?.draw();
+});
+
+byId('rows').append(counts.rows);
+byId('lost').append(counts.lost);
+byId('retry').onclick = () => page.connection.retry();
+page.connection = new Connection({
+  message: (message) => messages[message.type]?.(message),
+  rows: (rows) => page.ring?.add(rows),
+  state: (link) => {
+    page.link = link;
+    if (!link.up) page.acting?.abandon();
+  },
+  problem: (text) => { page.problem = text; },
+});
+requestAnimationFrame(frame);

@@ -1,0 +1,28 @@
+// Elements without markup: text from the server is only ever text.
+
+export const byId = (id) => document.getElementById(id);
+
+export function element(tag, properties = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties)) {
+    if (name.startsWith('on')) made.addEventListener(name.slice(2), value);
+    else if (name in made && name !== 'list') made[name] = value;
+    else made.setAttribute(name, value);
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+export function drawing(tag, attributes = {}, ...children) {
+  const made = document.createElementNS('http://www.w3.org/2000/svg', tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  made.append(...children);
+  return made;
+}
+
+/// Changes the text only where it differs: selections, tooltips and readers of the screen stay undisturbed.
+export function setText(to, text) {
+  if (to.textContent !== text) to.textContent = text;
+}
+
+export const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

@@ -1,0 +1,141 @@
+// Friction over speed: the law at the present temperature, and the points as they come.
+import { byId, element, setText, style } from './dom.js';
+import { isNumber, rounded, withUnit } from './format.js';
+
+const pointsKept = 1500, perRow = 4;
+const margin = { left: 62, right: 12, top: 10, bottom: 40 };
+
+function ticks(from, to, count) {
+  const raw = (to - from) / count, power = 10 ** Math.floor(Math.log10(raw));
+  const step = power * ([1, 2, 5, 10].find((factor) => factor * power >= raw) ?? 10);
+  const out = [];
+  for (let at = Math.ceil(from / step) * step; at <= to + step * 1e-9; at += step) out.push(Number(at.toPrecision(12)));
+  return out;
+}
+
+export class Friction {
+  constructor(hello, ring, watch) {
+    Object.assign(this, { hello, ring, watch, law: null, refusal: null });
+    this.canvas = byId('friction_canvas');
+    const select = byId('watched');
+    select.replaceChildren(...hello.joints.map((joint) => element('option', { value: joint.name, textContent: joint.name })));
+    select.onchange = () => this.choose(select.value);
+    this.size = new ResizeObserver(() => this.draw());
+    this.size.observe(this.canvas);
+  }
+
+  choose(name) {
+    byId('watched').value = name;
+    this.joint = this.hello.joints.find((joint) => joint.name === name);
+    const column = (quantity) => this.hello.columns.findIndex((c) => c.joint === name && c.name === quantity);
+    this.velocity = column('velocity_rad_s');
+    this.friction = column('friction_nm');
+    this.law = this.refusal = null;
+    this.watch(name);
+  }
+
+  accept(law) {
+    if (law.joint === this.joint?.name) this.law = law;
+  }
+
+  /// Newest last. Speed is the motor's, as the law's; friction counts as positive where it brakes.
+  points() {
+    const { ring, joint, velocity, friction } = this, ratio = joint?.gear_ratio;
+    if (!isNumber(ratio) || velocity < 0 || friction < 0) return [];
+    const out = [];
+    for (let i = Math.max(ring.begin, ring.end - pointsKept * perRow); i < ring.end; ++i) {
+      const v = ring.at(i, velocity);
+      if (i % perRow || !isNumber(v)) continue;
+      out.push([Math.abs(v) * ratio, ring.at(i, friction) * (v < 0 ? -1 : 1)]);
+    }
+    return out;
+  }
+
+  draw() {
+    const points = this.points();
+    this.describe(points);
+    const width = this.canvas.clientWidth, height = this.canvas.clientHeight, scale = devicePixelRatio || 1;
+    if (!width) return;
+    if (this.canvas.width !== Math.round(width * scale)) this.canvas.width = Math.round(width * scale);
+    if (this.canvas.height !== Math.round(height * scale)) this.canvas.height = Math.round(height * scale);
+    const c = this.canvas.getContext('2d');
+    c.setTransform(scale, 0, 0, scale, 0, 0);
+    c.clearRect(0, 0, width, height);
+    const curve = this.law ? this.law.speed_rad_s.map((v, i) => [v, this.law.friction_nm[i]]) : [];
+    const all = [...curve, ...points].filter(([x, y]) => isNumber(x) && isNumber(y));
+    if (all.length === 0) return;
+    const range = this.range(all);
+    const x = (v) => margin.left + (v / range.x) * (width - margin.left - margin.right);
+    const y = (f) => margin.top + (range.high - f) / (range.high - range.low) * (height - margin.top - margin.bottom);
+    this.axes(c, { width, height, x, y, range });
+    this.drawPoints(c, points, x, y);
+    this.drawLaw(c, curve, x, y);
+  }
+
+  range(all) {
+    const highest = Math.max(...all.map((p) => p[1])), lowest = Math.min(0, ...all.map((p) => p[1]));
+    const room = 0.06 * (highest - lowest || 1);
+    return { x: Math.max(1e-9, ...all.map((p) => p[0])), high: highest + room, low: lowest < 0 ? lowest - room : 0 };
+  }
+
+  axes(c, { width, height, x, y, range }) {
+    c.font = `12px ${getComputedStyle(document.body).fontFamily}`;
+    c.fillStyle = style('--soft');
+    c.strokeStyle = style('--grid');
+    c.lineWidth = 1;
+    const bottom = height - margin.bottom, line = (...p) => { c.beginPath(); c.moveTo(p[0], p[1]); c.lineTo(p[2], p[3]); c.stroke(); };
+    c.textAlign = 'center';
+    for (const at of ticks(0, range.x, Math.max(2, width / 90))) {
+      line(x(at), margin.top, x(at), bottom);
+      c.fillText(String(at), x(at), bottom + 16);
+    }
+    c.fillText('motor speed [rad/s]', (margin.left + width - margin.right) / 2, height - 6);
+    c.textAlign = 'right';
+    for (const at of ticks(range.low, range.high, 5)) {
+      line(margin.left, y(at), width - margin.right, y(at));
+      c.fillText(String(at).replace('-', '−'), margin.left - 6, y(at) + 4);
+    }
+    c.save();
+    c.translate(13, (margin.top + bottom) / 2);
+    c.rotate(-Math.PI / 2);
+    c.textAlign = 'center';
+    c.fillText('friction [Nm]', 0, 0);
+    c.restore();
+  }
+
+  /// Old points are faint, the newest is a ring.
+  drawPoints(c, points, x, y) {
+    c.fillStyle = style('--line-1');
+    points.forEach(([v, f], i) => {
+      c.globalAlpha = 0.08 + 0.5 * (i / points.length) ** 2;
+      c.fillRect(x(v) - 1.5, y(f) - 1.5, 3, 3);
+    });
+    c.globalAlpha = 1;
+    const newest = points.at(-1);
+    if (!newest) return;
+    c.strokeStyle = style('--ink');
+    c.lineWidth = 2;
+    c.beginPath();
+    c.arc(x(newest[0]), y(newest[1]), 5, 0, 7);
+    c.stroke();
+  }
+
+  drawLaw(c, curve, x, y) {
+    c.strokeStyle = style('--line-0');
+    c.lineWidth = 2.2;
+    c.beginPath();
+    curve.forEach(([v, f], i) => (i ? c.lineTo(x(v), y(f)) : c.moveTo(x(v), y(f))));
+    c.stroke();
+  }
+
+  describe(points) {
+    const parts = [];
+    if (this.law) parts.push(`Line: law ${this.joint.law ?? ''} at ${withUnit(this.law.temperature_degC, 'degC')} and load ` +
+      `${rounded(this.law.load_norm, 's')} of the largest torque.`);
+    else parts.push(this.refusal ? `No law: ${this.refusal}.` : 'The law has not come yet.');
+    if (!this.joint?.gear_ratio) parts.push('No points: the program does not say the gear ratio.');
+    else parts.push(`Squares: the last ${points.length} of every ${perRow}th row, the newest in a circle; at rest friction ` +
+      'may be anything up to breakaway.');
+    setText(byId('friction_text'), parts.join(' '));
+  }
+}

@@ -1,0 +1,244 @@
+// Histories of position, torque, friction and temperature: one time axis, one cursor, every row where it is zoomed in.
+import { byId, drawing, element, setText, style } from './dom.js';
+import { isNumber, number, rounded, showNumber, unitText } from './format.js';
+import { drawn, kept } from './rows.js';
+
+const quantities = [
+  ['position_rad', 'Position'], ['motor_torque_nm', 'Motor torque'], ['friction_nm', 'Friction'],
+  ['temperature_degC', 'Temperature'],
+];
+// With the dashes no two of eight joints look the same without colour.
+const dashes = [null, [9, 4], [3, 3], [12, 3, 3, 3], [18, 5], [6, 3, 2, 3, 2, 3], [2, 6], [14, 3, 6, 3]];
+const colour = (i) => style(`--line-${i % 8}`);
+
+function swatch(i) {
+  const line = drawing('line', { x1: 1, y1: 5, x2: 31, y2: 5, 'stroke-width': 2.5 });
+  line.classList.add(`line-${i % 8}`);
+  if (dashes[i % 8]) line.setAttribute('stroke-dasharray', dashes[i % 8].join(' '));
+  return drawing('svg', { width: 32, height: 10, viewBox: '0 0 32 10', 'aria-hidden': 'true' }, line);
+}
+
+class Plot {
+  constructor(plots, name, title, columns) {
+    Object.assign(this, { plots, name, columns });
+    this.unit = columns[0].unit;
+    this.area = element('div', { className: 'area' });
+    this.line = element('div', { className: 'cursor', hidden: true });
+    this.readout = columns.map((column) => number(`${column.joint}.${name}`));
+    this.legend = element('p', { className: 'readout' }, ...columns.map((column, i) => element('span',
+      { className: 'value' }, swatch(column.series), ` ${column.joint} `, this.readout[i])));
+    const caption = element('figcaption', {}, element('strong', { textContent: `${title} [${unitText(this.unit)}]` }),
+      ' over time [s]');
+    this.root = element('figure', { tabIndex: 0, className: 'history', 'aria-label': `${title} of the joints over time` },
+      caption, element('div', { className: 'frame' }, this.area, this.line), this.legend);
+    this.area.addEventListener('mousemove', (event) => this.point(event));
+    this.area.addEventListener('mouseleave', () => plots.setCursor(null));
+    this.root.addEventListener('keydown', (event) => plots.key(event));
+  }
+
+  point(event) {
+    if (!this.graph) return;
+    const x = event.clientX - this.area.getBoundingClientRect().left;
+    this.plots.setCursor(this.graph.toDataXCoord(x));
+  }
+
+  options() {
+    const seconds = (value) => String(Number(value.toPrecision(12))).replace('-', '−');
+    return {
+      labels: ['time', ...this.columns.map((column) => column.joint)],
+      colors: this.columns.map((column) => colour(column.series)),
+      series: Object.fromEntries(this.columns.map((column) => [column.joint, { strokePattern: dashes[column.series % 8] }])),
+      visibility: this.columns.map((column) => this.plots.shown.has(column.joint)),
+      strokeWidth: 1.6, highlightCircleSize: 0, legend: 'never', showLabelsOnHighlight: false, animatedZooms: false,
+      axisLabelFontSize: 12, gridLineColor: style('--grid'), axisLineColor: style('--line'), rightGap: 8, digitsAfterDecimal: 6,
+      axes: { x: { axisLabelFormatter: seconds, pixelsPerLabel: 70 }, y: { axisLabelFormatter: seconds, axisLabelWidth: 56 } },
+      interactionModel: this.interaction(),
+      zoomCallback: (from, to) => this.plots.look(from, to),
+      underlayCallback: (canvas, area, graph) => this.marks(canvas, area, graph),
+    };
+  }
+
+  /// A finger scrolls the page; the buttons zoom.
+  interaction() {
+    const { touchstart, touchmove, touchend, ...mouse } = Dygraph.defaultInteractionModel;
+    const moved = () => this.plots.look(...this.graph.xAxisRange());
+    return {
+      ...mouse,
+      dblclick: () => this.plots.live(),
+      mousemove: (event, graph, context) => {
+        mouse.mousemove?.(event, graph, context);
+        if (context.isPanning) moved();
+      },
+    };
+  }
+
+  marks(canvas, area, graph) {
+    canvas.strokeStyle = style('--mark');
+    canvas.lineWidth = 1;
+    canvas.setLineDash([2, 3]);
+    for (const event of this.plots.events.within(...graph.xAxisRange())) {
+      const x = Math.round(graph.toDomXCoord(event.time_s)) + 0.5;
+      canvas.beginPath();
+      canvas.moveTo(x, area.y);
+      canvas.lineTo(x, area.y + area.h);
+      canvas.stroke();
+    }
+    canvas.setLineDash([]);
+  }
+
+  draw(ring, from, to, view) {
+    const file = drawn(ring, this.columns.map((column) => column.index), from, to, this.area.clientWidth || 400);
+    if (file.length < 2) return;
+    if (!this.graph) this.graph = new Dygraph(this.area, file, { ...this.options(), dateWindow: view });
+    else this.graph.updateOptions({ file, dateWindow: view });
+  }
+
+  showCursor(ring, row, chosen) {
+    this.line.hidden = !chosen || !this.graph;
+    this.columns.forEach((column, i) => showNumber(this.readout[i], row < 0 ? null : ring.at(row, column.index), this.unit));
+    if (this.line.hidden) return;
+    const x = this.graph.toDomXCoord(ring.time(row));
+    const area = this.graph.getArea();
+    this.line.hidden = x < area.x || x > area.x + area.w;
+    this.line.style.left = `${x}px`;
+    this.line.style.height = `${area.h}px`;
+  }
+}
+
+export class Plots {
+  constructor(hello, ring, events) {
+    this.ring = ring;
+    this.events = events;
+    this.step_s = hello.step_s;
+    this.shown = new Set(hello.joints.map((joint) => joint.name));
+    this.fixed = null;   // [from, to] of what is looked at; null follows the newest row
+    this.cursor = null;  // time
+    this.plots = [];
+    const series = new Map(hello.joints.map((joint, i) => [joint.name, i]));
+    for (const [name, title] of quantities) {
+      const columns = hello.columns.map((column, index) => ({ ...column, index, series: series.get(column.joint) }))
+        .filter((column) => column.name === name && column.series !== undefined);
+      if (columns.length) this.plots.push(new Plot(this, name, title, columns));
+    }
+    byId('figures').replaceChildren(...this.plots.map((plot) => plot.root));
+    byId('series').replaceChildren(...hello.joints.map((joint, i) => this.choice(joint.name, i)));
+    this.size = new ResizeObserver(() => this.plots.forEach((plot) => plot.graph?.resize()));
+    this.size.observe(byId('figures'));
+    this.controls();
+  }
+
+  choice(name, i) {
+    const box = element('input', { type: 'checkbox', checked: true });
+    box.addEventListener('change', () => {
+      this.shown[box.checked ? 'add' : 'delete'](name);
+      for (const plot of this.plots)
+        plot.columns.forEach((column, at) => column.joint === name && plot.graph?.setVisibility(at, box.checked));
+      this.dirty = true;
+    });
+    return element('label', {}, box, swatch(i), ' ' + name);
+  }
+
+  controls() {
+    const on = (id, act) => { byId(id).onclick = act; };
+    byId('window').onchange = () => this.live();
+    on('hold', () => this.hold());
+    on('now', () => this.live());
+    on('earlier', () => this.move(-0.5));
+    on('later', () => this.move(0.5));
+    on('zoom_in', () => this.zoom(0.5));
+    on('zoom_out', () => this.zoom(2));
+    const { capacity, columns } = this.ring;
+    const lasts = this.step_s > 0 ? `, ${rounded(capacity * this.step_s / 60, 's')} min at one row per ${this.step_s} s` : '';
+    setText(byId('kept'), `This page keeps the last ${capacity.toLocaleString('en').replace(/,/g, ' ')} rows of ${columns} numbers` +
+      `${lasts} (at most ${kept.bytes / 2 ** 20} MiB and ${kept.seconds / 60} min); older ones are forgotten. Lines: every row ` +
+      'where they fit, else smallest and largest of each stretch.');
+    this.live();
+  }
+
+  retheme() {
+    for (const plot of this.plots) plot.graph?.updateOptions(plot.options());
+  }
+
+  live() {
+    this.fixed = null;
+    this.dirty = true;
+    this.tell();
+  }
+
+  hold() {
+    if (this.fixed) return this.live();
+    this.look(...this.view());
+  }
+
+  look(from, to) {
+    if (!(to > from)) return;
+    this.fixed = [from, to];
+    this.dirty = true;
+    this.tell();
+  }
+
+  tell() {
+    const at = this.fixed;
+    byId('hold').setAttribute('aria-pressed', String(at !== null));
+    setText(byId('hold'), at ? 'Go on' : 'Hold');
+    setText(byId('view'), at ? `held: ${rounded(at[0], 's')} s to ${rounded(at[1], 's')} s, while rows still come in`
+      : 'following the newest row');
+    byId('plots').classList.toggle('held', at !== null);
+  }
+
+  view() {
+    if (this.fixed) return this.fixed;
+    const { ring } = this;
+    if (ring.last < 0) return [0, 1];
+    const to = ring.time(ring.last), window_s = Number(byId('window').value);
+    const oldest = ring.time(ring.begin);
+    return [window_s > 0 ? to - window_s : Math.min(oldest, to - 1e-3), to];
+  }
+
+  move(share) {
+    const [from, to] = this.view(), by = share * (to - from);
+    this.look(from + by, to + by);
+  }
+
+  zoom(factor) {
+    const [from, to] = this.view(), middle = this.cursor ?? (from + to) / 2;
+    this.look(middle - factor * (middle - from), middle + factor * (to - middle));
+  }
+
+  setCursor(time_s) {
+    this.cursor = time_s;
+    this.showCursor();
+  }
+
+  showCursor() {
+    const { ring } = this;
+    const chosen = isNumber(this.cursor) ? ring.nearest(this.cursor) : -1;
+    const row = chosen >= 0 ? chosen : ring.last;
+    for (const plot of this.plots) plot.showCursor(ring, row, chosen >= 0);
+    setText(byId('cursor_time'), row < 0 ? '' : `${chosen >= 0 ? 'at' : 'newest,'} ${ring.time(row)} s`);
+  }
+
+  key(event) {
+    const { ring } = this;
+    const [from, to] = this.view();
+    const row = this.cursor === null ? ring.nearest(to) : ring.nearest(this.cursor);
+    if (row < 0 || event.ctrlKey || event.altKey || event.metaKey) return;
+    const steps = { ArrowLeft: -1, ArrowRight: 1 }, edges = { Home: from, End: to };
+    if (event.key in edges) this.setCursor(edges[event.key]);
+    else if (event.key in steps && event.shiftKey) this.setCursor(ring.time(row) + steps[event.key] * (to - from) / 10);
+    else if (event.key in steps) this.setCursor(ring.time(Math.min(ring.last, Math.max(ring.begin, row + steps[event.key]))));
+    else return;
+    if (!this.fixed) this.look(from, to);
+    event.preventDefault();
+  }
+
+  draw() {
+    const { ring } = this;
+    if (ring.last < 0) return;
+    const [from, to] = this.view();
+    const first = Math.max(ring.begin, ring.find(from) - 1), last = Math.min(ring.end, ring.find(to) + 1);
+    for (const plot of this.plots) plot.draw(ring, first, last, [from, to]);
+    this.dirty = false;
+    this.showCursor();
+  }
+}

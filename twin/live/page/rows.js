@@ -1,0 +1,139 @@
+// Rows of numbers as they come: decoding, and the ring that keeps the last of them.
+
+const headBytes = 24;
+export const kept = { bytes: 48 * 2 ** 20, seconds: 600 };
+
+/// One binary message of kind 1: {first, rows, columns, values}; throws where it is none.
+export function decode(buffer) {
+  const view = new DataView(buffer);
+  if (buffer.byteLength < headBytes || view.getUint32(0, true) !== 1) throw new Error('a binary message of unknown kind');
+  const rows = view.getUint32(4, true), columns = view.getUint32(8, true);
+  if (buffer.byteLength !== headBytes + rows * columns * 8)
+    throw new Error(`${rows} rows of ${columns} columns in ${buffer.byteLength} bytes`);
+  return { first: Number(view.getBigUint64(16, true)), rows, columns, values: values(buffer, rows * columns) };
+}
+
+const littleEndian = new Uint8Array(new Uint16Array([1]).buffer)[0] === 1;
+function values(buffer, count) {
+  if (littleEndian) return new Float64Array(buffer, headBytes, count);
+  const view = new DataView(buffer);
+  return Float64Array.from({ length: count }, (_, i) => view.getFloat64(headBytes + 8 * i, true));
+}
+
+/// The last rows, first column time_s. Rows have running numbers; a gap is kept as one row without values.
+export class Ring {
+  constructor(columns, step_s) {
+    this.columns = columns;
+    const asked = step_s > 0 ? Math.ceil(kept.seconds / step_s) : Infinity;
+    this.capacity = Math.max(2, Math.min(asked, Math.floor(kept.bytes / (8 * columns))));
+    this.values = new Float64Array(this.capacity * columns);
+    this.clear();
+  }
+
+  clear() {
+    this.written = 0;
+    this.received = 0;
+    this.lost = 0;
+    this.next = null;
+  }
+
+  get begin() {
+    return Math.max(0, this.written - this.capacity);
+  }
+  get end() {
+    return this.written;
+  }
+
+  at(index, column) {
+    return this.values[(index % this.capacity) * this.columns + column];
+  }
+  time(index) {
+    return this.at(index, 0);
+  }
+
+  add(message) {
+    if (message.columns !== this.columns)
+      throw new Error(`rows of ${message.columns} columns, ${this.columns} were announced`);
+    if (this.next !== null && message.first < this.next) this.clear();  // the program began anew
+    if (this.next !== null && message.first > this.next) {
+      this.lost += message.first - this.next;
+      this.gap();
+    }
+    for (let row = 0; row < message.rows; ++row) {
+      const from = row * this.columns;
+      this.values.set(message.values.subarray(from, from + this.columns), (this.written % this.capacity) * this.columns);
+      ++this.written;
+    }
+    this.received += message.rows;
+    this.next = message.first + message.rows;
+  }
+
+  gap() {
+    if (this.written === 0) return;
+    const at = (this.written % this.capacity) * this.columns;
+    const time = this.time(this.written - 1);
+    this.values.fill(NaN, at, at + this.columns);
+    this.values[at] = time;
+    ++this.written;
+  }
+
+  /// The newest row that holds values; -1 without one.
+  get last() {
+    return this.end > this.begin ? this.end - 1 : -1;
+  }
+
+  /// The first row at or after `time_s`.
+  find(time_s) {
+    let low = this.begin, high = this.end;
+    while (low < high) {
+      const middle = Math.floor((low + high) / 2);
+      if (this.time(middle) < time_s) low = middle + 1;
+      else high = middle;
+    }
+    return low;
+  }
+
+  /// The row with values whose time is nearest; -1 without one.
+  nearest(time_s) {
+    let best = -1, distance = Infinity;
+    const at = this.find(time_s);
+    for (let i = Math.max(this.begin, at - 2); i < Math.min(this.end, at + 2); ++i) {
+      const off = Math.abs(this.time(i) - time_s);
+      if (off < distance && !Number.isNaN(this.at(i, this.columns - 1))) [best, distance] = [i, off];
+    }
+    return best;
+  }
+}
+
+/// [time, value of each column...] of the rows from..to for a drawing of `width` points: every row where they fit, else
+/// smallest and largest of each stretch, in the order in which they came, so that no peak is lost. Stretches begin at
+/// multiples of their length: the picture does not flicker while it moves.
+export function drawn(ring, columns, from, to, width) {
+  const out = [];
+  const stride = Math.ceil((to - from) / Math.max(1, width));
+  if (stride <= 2) {
+    for (let i = from; i < to; ++i) out.push([ring.time(i), ...columns.map((c) => ring.at(i, c))]);
+    return out;
+  }
+  for (let begin = Math.floor(from / stride) * stride; begin < to; begin += stride)
+    out.push(...extremes(ring, columns, Math.max(from, begin), Math.min(to, begin + stride)));
+  return out;
+}
+
+function extremes(ring, columns, from, to) {
+  const first = [ring.time(from)], second = [ring.time(Math.floor((from + to) / 2))];
+  for (const column of columns) {
+    let low = from, high = from;
+    let smallest = Infinity, largest = -Infinity, gap = false;
+    for (let i = from; i < to; ++i) {
+      const value = ring.at(i, column);
+      if (value < smallest) [low, smallest] = [i, value];
+      if (value > largest) [high, largest] = [i, value];
+      if (Number.isNaN(value)) gap = true;
+    }
+    const known = smallest <= largest;
+    first.push(known ? (low < high ? smallest : largest) : NaN);
+    second.push(gap || !known ? NaN : low < high ? largest : smallest);
+  }
+  return [first, second];
+}
