@@ -5,8 +5,8 @@ const answersKept = 20, patience_ms = 5000;
 
 /// Of hil/faults: which keys a kind has beside kind and duration_s, and whether it needs a drive.
 export const faults = {
-  drop: { keys: ['probability'] }, delay: { keys: ['probability', 'delay_s'] }, corrupt: { keys: ['probability'] },
-  duplicate: { keys: ['probability'] }, silence: { joint: true, keys: [] }, bus_off: { whole: true, keys: [] },
+  drop: { keys: ['probability'] }, delay: { keys: ['probability', 'delay_s'] },
+  corrupt: { keys: ['probability'] }, duplicate: { keys: ['probability'] }, silence: { joint: true, keys: [] }, bus_off: { whole: true, keys: [] },
   link_down: { whole: true, keys: [] }, over_temperature: { joint: true, keys: ['temperature_degC'] },
   encoder_freeze: { joint: true, keys: [] }, safe_torque_off: { joint: true, keys: [] },
 };
@@ -32,7 +32,8 @@ const choice = (name, label, options) => element('label', { 'data-key': name }, 
   ...options.map(([value, text]) => element('option', { value, textContent: text }))));
 
 const simple = {
-  pause: { button: 'Pause simulation' }, resume: { button: 'Resume simulation' }, step: { button: 'Step', numbers: ['cycles'] },
+  pause: { button: 'Pause simulation' }, resume: { button: 'Resume simulation' },
+  step: { button: 'Step', numbers: ['cycles'] },
   ambient: { button: 'Set surroundings', numbers: ['degC'] }, payload: { button: 'Set payload', numbers: ['kg'] },
   wear: { button: 'Wear', numbers: ['factor'], joint: true },
 };

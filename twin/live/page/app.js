@@ -76,7 +76,8 @@ function showText() {
     setText(byId('simulated'), duration(status?.simulated_s));
     byId('simulated').title = status ? `${status.simulated_s} s` : '';
     setText(byId('wall'), duration(status?.wall_s));
-    setText(byId('run_state'), !status ? '–' : (status.paused ? 'paused' : 'running') + (status.recording ? ', recording' : ''));
+    const recording = status?.recording ? ', recording' : '';
+    setText(byId('run_state'), status ? (status.paused ? 'paused' : 'running') + recording : '–');
     showNumber(counts.rows, ring.received, '');
     showNumber(counts.lost, ring.lost, '');
     byId('lost').classList.toggle('bad', ring.lost > 0);

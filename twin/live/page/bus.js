@@ -1,5 +1,5 @@
 // What the buses carry: load, SYNC, answers to it, frames.
-import { byId, drawing, element, setText } from './dom.js';
+import { byId, drawing, element, grouped, setText } from './dom.js';
 import { isNumber, number, rounded, showNumber } from './format.js';
 
 const rows = [
@@ -20,8 +20,8 @@ class Bus {
     this.bar = element('span', { className: 'bar' });
     this.histogram = element('div', { className: 'histogram' });
     this.caption = element('figcaption');
-    this.root = element('article', { className: 'card bus', id: 'bus_' + name }, element('h2', { textContent: `Bus ${name}` }),
-      element('div', { className: 'track', 'aria-hidden': 'true' }, this.bar),
+    this.root = element('article', { className: 'card bus', id: 'bus_' + name },
+      element('h2', { textContent: `Bus ${name}` }), element('div', { className: 'track', 'aria-hidden': 'true' }, this.bar),
       element('dl', {}, ...this.values.map((entry) => entry.row)),
       element('figure', {}, this.histogram, this.caption));
   }
@@ -43,20 +43,22 @@ class Bus {
     const key = JSON.stringify(bins);
     if (key === this.key) return;
     this.key = key;
-    const most = Math.max(1, ...bins.map((bin) => bin[1])), width = 400, height = 110, each = width / Math.max(1, bins.length);
+    const most = Math.max(1, ...bins.map((bin) => bin[1]));
+    const width = 400, height = 110, each = width / Math.max(1, bins.length);
     const bars = bins.map(([upper_us, count], i) => {
       const tall = count ? Math.max(1, (count / most) * (height - 18)) : 0;
-      const bar = drawing('rect', { x: i * each + 0.5, y: height - tall, width: Math.max(0.5, each - 1), height: tall, class: 'bin' });
+      const bar = drawing('rect', { x: i * each + 0.5, y: height - tall, width: Math.max(0.5, each - 1), height: tall });
+      bar.classList.add('bin');
       const lower = i ? `over ${bins[i - 1][0]} ` : '';
       bar.append(drawing('title'));
       bar.firstChild.textContent = `${lower}up to ${upper_us ?? 'any'} µs: ${count}`;
       return bar;
     });
-    this.histogram.replaceChildren(drawing('svg', { viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: 'none', role: 'img',
-      'aria-label': 'Histogram of the time from SYNC to TPDO' }, ...bars));
+    this.histogram.replaceChildren(drawing('svg', { viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: 'none',
+      role: 'img', 'aria-label': 'Histogram of the time from SYNC to TPDO' }, ...bars));
     const edges = bins.map((bin) => bin[0]).filter(isNumber);
     setText(this.caption, bins.length ? `TPDOs over their time from SYNC [µs]: bins up to ${edges[0]} … ${edges.at(-1)} µs, ` +
-      `tallest ${most.toLocaleString('en').replace(/,/g, ' ')}` : 'no time from SYNC to TPDO yet');
+      `tallest ${grouped(most)}` : 'no time from SYNC to TPDO yet');
   }
 }
 

@@ -56,7 +56,7 @@ export class Connection {
     if (this.socket.readyState !== WebSocket.OPEN || document.hidden) return;
     const silent_ms = performance.now() - this.heard;
     if (silent_ms > silence_ms)
-      this.on.state({ up: true, stale: true, text: `connected, but nothing came for ${(silent_ms / 1000).toFixed(0)} s` });
+      this.on.state({ up: true, stale: true, text: `connected, but silent for ${(silent_ms / 1000).toFixed(0)} s` });
     else this.on.state({ up: true, text: 'connected' });
   }
 

@@ -25,4 +25,7 @@ export function setText(to, text) {
   if (to.textContent !== text) to.textContent = text;
 }
 
+/// 12345 as 12 345.
+export const grouped = (count) => count.toLocaleString('en').replace(/,/g, ' ');
+
 export const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

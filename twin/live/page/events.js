@@ -3,7 +3,9 @@ import { byId, drawing, element } from './dom.js';
 import { isNumber, rounded } from './format.js';
 
 const most = 500;
-const kinds = { emcy: ['▲', 'EMCY'], fault: ['✖', 'fault'], marker: ['◆', 'marker'], note: ['●', 'note'], health: ['■', 'health'] };
+const kinds = {
+  emcy: ['▲', 'EMCY'], fault: ['✖', 'fault'], marker: ['◆', 'marker'], note: ['●', 'note'], health: ['■', 'health'],
+};
 
 export class Events {
   /// `show(time_s)`: asked for a look at that moment.
@@ -25,7 +27,7 @@ export class Events {
     const [sign, name] = kinds[event.kind] ?? ['●', event.kind];
     const when = element('button', { type: 'button', className: 'time', title: `${event.time_s} s: show the histories then`,
       textContent: `${rounded(event.time_s, 's')} s`, onclick: () => this.show(event.time_s) });
-    const row = element('li', { className: 'event ' + event.kind }, when,
+    const row = element('li', { className: 'event' }, when,
       element('span', { className: 'kind', textContent: `${sign} ${name}` }),
       element('span', { textContent: `${event.joint ? event.joint + ': ' : ''}${event.text}` }));
     const list = byId('event_list');
@@ -51,7 +53,8 @@ export class Events {
     for (const event of shown) {
       const lane = lanes.indexOf(event.kind);
       if (lane < 0) continue;
-      const sign = words(kinds[event.kind][0], { x: x(event.time_s), y: 18 * lane + 14, 'text-anchor': 'middle', class: 'sign' });
+      const at = { x: x(event.time_s), y: 18 * lane + 14, 'text-anchor': 'middle', class: 'sign' };
+      const sign = words(kinds[event.kind][0], at);
       sign.append(drawing('title'));
       sign.lastChild.textContent = `${event.time_s} s ${event.joint ?? ''} ${event.text}`;
       parts.push(sign);

@@ -1,7 +1,7 @@
 // Numbers and words. A number is shown rounded; its <data> carries all digits as value and tooltip.
-import { element } from './dom.js';
+import { element, grouped } from './dom.js';
 
-const places = { rad: 4, 'rad/s': 3, degC: 1, K: 1, Nm: 2, s: 2, '%': 1, us: 0, kg: 3 };
+const places = { rad: 4, 'rad/s': 3, degC: 1, K: 1, Nm: 2, s: 2, '%': 1, us: 0, kg: 3, 'bit/s': 0 };
 const printed = { degC: '°C', us: 'µs' };
 export const unitText = (unit) => printed[unit] ?? unit;
 export const isNumber = (value) => typeof value === 'number' && Number.isFinite(value);
@@ -27,7 +27,7 @@ export function showNumber(to, value, unit) {
   if (to.value === exact && to.textContent) return;
   to.value = exact;
   to.title = exact ? `${exact}${unit ? ' ' + unitText(unit) : ''}` : 'not known';
-  to.textContent = unit ? withUnit(value, unit) : isNumber(value) ? value.toLocaleString('en').replace(/,/g, ' ') : '–';
+  to.textContent = unit ? withUnit(value, unit) : isNumber(value) ? grouped(value) : '–';
 }
 
 export function duration(seconds) {
@@ -46,10 +46,11 @@ const modes = {
 };
 const modeNumbers = { 0: 'none', 1: 'PP', 3: 'PV', 6: 'HM', 7: 'IP', 8: 'CSP', 9: 'CSV', 10: 'CST' };
 
+/// [abbreviation, words]
 export function modeText(mode) {
-  if (mode === null || mode === undefined) return '–';
+  if (mode === null || mode === undefined) return ['–', 'mode of operation not known'];
   const short = modeNumbers[mode] ?? String(mode);
-  return modes[short] ? `${short}, ${modes[short]}` : short;
+  return [short, modes[short] ?? short];
 }
 
 export const words = (name) => String(name ?? '–').replace(/_/g, ' ');

@@ -18,7 +18,8 @@ export class Friction {
     Object.assign(this, { hello, ring, watch, law: null, refusal: null });
     this.canvas = byId('friction_canvas');
     const select = byId('watched');
-    select.replaceChildren(...hello.joints.map((joint) => element('option', { value: joint.name, textContent: joint.name })));
+    const options = hello.joints.map(({ name }) => element('option', { value: name, textContent: name }));
+    select.replaceChildren(...options);
     select.onchange = () => this.choose(select.value);
     this.size = new ResizeObserver(() => this.draw());
     this.size.observe(this.canvas);
@@ -83,7 +84,13 @@ export class Friction {
     c.fillStyle = style('--soft');
     c.strokeStyle = style('--grid');
     c.lineWidth = 1;
-    const bottom = height - margin.bottom, line = (...p) => { c.beginPath(); c.moveTo(p[0], p[1]); c.lineTo(p[2], p[3]); c.stroke(); };
+    const bottom = height - margin.bottom;
+    const line = (x1, y1, x2, y2) => {
+      c.beginPath();
+      c.moveTo(x1, y1);
+      c.lineTo(x2, y2);
+      c.stroke();
+    };
     c.textAlign = 'center';
     for (const at of ticks(0, range.x, Math.max(2, width / 90))) {
       line(x(at), margin.top, x(at), bottom);
@@ -130,12 +137,12 @@ export class Friction {
 
   describe(points) {
     const parts = [];
-    if (this.law) parts.push(`Line: law ${this.joint.law ?? ''} at ${withUnit(this.law.temperature_degC, 'degC')} and load ` +
-      `${rounded(this.law.load_norm, 's')} of the largest torque.`);
+    if (this.law) parts.push(`Line: law ${this.joint.law ?? ''} at ${withUnit(this.law.temperature_degC, 'degC')} and ` +
+      `load ${rounded(this.law.load_norm, 's')} of the largest torque.`);
     else parts.push(this.refusal ? `No law: ${this.refusal}.` : 'The law has not come yet.');
     if (!this.joint?.gear_ratio) parts.push('No points: the program does not say the gear ratio.');
-    else parts.push(`Squares: the last ${points.length} of every ${perRow}th row, the newest in a circle; at rest friction ` +
-      'may be anything up to breakaway.');
+    else parts.push(`Squares: the last ${points.length} of every ${perRow}th row, the newest in a circle; at rest ` +
+      'friction may be anything up to breakaway.');
     setText(byId('friction_text'), parts.join(' '));
   }
 }

@@ -1,7 +1,10 @@
 // Histories of position, torque, friction and temperature: one time axis, one cursor, every row where it is zoomed in.
-import { byId, drawing, element, setText, style } from './dom.js';
+import { byId, drawing, element, grouped, setText, style } from './dom.js';
 import { isNumber, number, rounded, showNumber, unitText } from './format.js';
 import { drawn, kept } from './rows.js';
+
+// Its legend needs style attributes, which the page's policy forbids; the histories have legends of their own.
+Dygraph.PLUGINS = Dygraph.PLUGINS.filter((plugin) => plugin !== Dygraph.Plugins.Legend);
 
 const quantities = [
   ['position_rad', 'Position'], ['motor_torque_nm', 'Motor torque'], ['friction_nm', 'Friction'],
@@ -10,6 +13,8 @@ const quantities = [
 // With the dashes no two of eight joints look the same without colour.
 const dashes = [null, [9, 4], [3, 3], [12, 3, 3, 3], [18, 5], [6, 3, 2, 3, 2, 3], [2, 6], [14, 3, 6, 3]];
 const colour = (i) => style(`--line-${i % 8}`);
+
+const clamped = (value, low, high) => Math.min(high, Math.max(low, value));
 
 function swatch(i) {
   const line = drawing('line', { x1: 1, y1: 5, x2: 31, y2: 5, 'stroke-width': 2.5 });
@@ -29,8 +34,8 @@ class Plot {
       { className: 'value' }, swatch(column.series), ` ${column.joint} `, this.readout[i])));
     const caption = element('figcaption', {}, element('strong', { textContent: `${title} [${unitText(this.unit)}]` }),
       ' over time [s]');
-    this.root = element('figure', { tabIndex: 0, className: 'history', 'aria-label': `${title} of the joints over time` },
-      caption, element('div', { className: 'frame' }, this.area, this.line), this.legend);
+    this.root = element('figure', { tabIndex: 0, className: 'history', 'aria-label': `${title} of the joints over time` });
+    this.root.append(caption, element('div', { className: 'frame' }, this.area, this.line), this.legend);
     this.area.addEventListener('mousemove', (event) => this.point(event));
     this.area.addEventListener('mouseleave', () => plots.setCursor(null));
     this.root.addEventListener('keydown', (event) => plots.key(event));
@@ -43,15 +48,17 @@ class Plot {
   }
 
   options() {
-    const seconds = (value) => String(Number(value.toPrecision(12))).replace('-', '−');
+    const short = (value) => String(Number(value.toPrecision(12))).replace('-', '−');
     return {
       labels: ['time', ...this.columns.map((column) => column.joint)],
       colors: this.columns.map((column) => colour(column.series)),
-      series: Object.fromEntries(this.columns.map((column) => [column.joint, { strokePattern: dashes[column.series % 8] }])),
+      series: Object.fromEntries(this.columns.map(({ joint, series }) => [joint, { strokePattern: dashes[series % 8] }])),
       visibility: this.columns.map((column) => this.plots.shown.has(column.joint)),
-      strokeWidth: 1.6, highlightCircleSize: 0, legend: 'never', showLabelsOnHighlight: false, animatedZooms: false,
-      axisLabelFontSize: 12, gridLineColor: style('--grid'), axisLineColor: style('--line'), rightGap: 8, digitsAfterDecimal: 6,
-      axes: { x: { axisLabelFormatter: seconds, pixelsPerLabel: 70 }, y: { axisLabelFormatter: seconds, axisLabelWidth: 56 } },
+      strokeWidth: 1.6, highlightCircleSize: 0, animatedZooms: false, axisLabelFontSize: 12, rightGap: 8,
+      gridLineColor: style('--grid'), axisLineColor: style('--line'),
+      axes: {
+        x: { axisLabelFormatter: short, pixelsPerLabel: 70 }, y: { axisLabelFormatter: short, axisLabelWidth: 56 },
+      },
       interactionModel: this.interaction(),
       zoomCallback: (from, to) => this.plots.look(from, to),
       underlayCallback: (canvas, area, graph) => this.marks(canvas, area, graph),
@@ -95,7 +102,7 @@ class Plot {
 
   showCursor(ring, row, chosen) {
     this.line.hidden = !chosen || !this.graph;
-    this.columns.forEach((column, i) => showNumber(this.readout[i], row < 0 ? null : ring.at(row, column.index), this.unit));
+    this.columns.forEach(({ index }, i) => showNumber(this.readout[i], row < 0 ? null : ring.at(row, index), this.unit));
     if (this.line.hidden) return;
     const x = this.graph.toDomXCoord(ring.time(row));
     const area = this.graph.getArea();
@@ -148,10 +155,11 @@ export class Plots {
     on('zoom_in', () => this.zoom(0.5));
     on('zoom_out', () => this.zoom(2));
     const { capacity, columns } = this.ring;
-    const lasts = this.step_s > 0 ? `, ${rounded(capacity * this.step_s / 60, 's')} min at one row per ${this.step_s} s` : '';
-    setText(byId('kept'), `This page keeps the last ${capacity.toLocaleString('en').replace(/,/g, ' ')} rows of ${columns} numbers` +
-      `${lasts} (at most ${kept.bytes / 2 ** 20} MiB and ${kept.seconds / 60} min); older ones are forgotten. Lines: every row ` +
-      'where they fit, else smallest and largest of each stretch.');
+    const minutes = rounded(capacity * this.step_s / 60, 's');
+    const lasts = this.step_s > 0 ? `, ${minutes} min at one row per ${this.step_s} s` : '';
+    setText(byId('kept'), `This page keeps the last ${grouped(capacity)} rows of ${columns} numbers${lasts} (at most ` +
+      `${kept.bytes / 2 ** 20} MiB and ${kept.seconds / 60} min); older ones are forgotten. Lines: every row where they ` +
+      'fit, else smallest and largest of each stretch.');
     this.live();
   }
 
@@ -192,7 +200,7 @@ export class Plots {
     if (ring.last < 0) return [0, 1];
     const to = ring.time(ring.last), window_s = Number(byId('window').value);
     const oldest = ring.time(ring.begin);
-    return [window_s > 0 ? to - window_s : Math.min(oldest, to - 1e-3), to];
+    return [Math.min(window_s > 0 ? Math.max(oldest, to - window_s) : oldest, to - 1e-3), to];
   }
 
   move(share) {
@@ -226,7 +234,7 @@ export class Plots {
     const steps = { ArrowLeft: -1, ArrowRight: 1 }, edges = { Home: from, End: to };
     if (event.key in edges) this.setCursor(edges[event.key]);
     else if (event.key in steps && event.shiftKey) this.setCursor(ring.time(row) + steps[event.key] * (to - from) / 10);
-    else if (event.key in steps) this.setCursor(ring.time(Math.min(ring.last, Math.max(ring.begin, row + steps[event.key]))));
+    else if (event.key in steps) this.setCursor(ring.time(clamped(row + steps[event.key], ring.begin, ring.last)));
     else return;
     if (!this.fixed) this.look(from, to);
     event.preventDefault();

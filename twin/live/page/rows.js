@@ -6,7 +6,8 @@ export const kept = { bytes: 48 * 2 ** 20, seconds: 600 };
 /// One binary message of kind 1: {first, rows, columns, values}; throws where it is none.
 export function decode(buffer) {
   const view = new DataView(buffer);
-  if (buffer.byteLength < headBytes || view.getUint32(0, true) !== 1) throw new Error('a binary message of unknown kind');
+  if (buffer.byteLength < headBytes || view.getUint32(0, true) !== 1)
+    throw new Error('a binary message of unknown kind');
   const rows = view.getUint32(4, true), columns = view.getUint32(8, true);
   if (buffer.byteLength !== headBytes + rows * columns * 8)
     throw new Error(`${rows} rows of ${columns} columns in ${buffer.byteLength} bytes`);
@@ -61,7 +62,8 @@ export class Ring {
     }
     for (let row = 0; row < message.rows; ++row) {
       const from = row * this.columns;
-      this.values.set(message.values.subarray(from, from + this.columns), (this.written % this.capacity) * this.columns);
+      const to = (this.written % this.capacity) * this.columns;
+      this.values.set(message.values.subarray(from, from + this.columns), to);
       ++this.written;
     }
     this.received += message.rows;

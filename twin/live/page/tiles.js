@@ -7,7 +7,8 @@ const warning_K = 10;  // as the drives: a warning 10 K before the limit
 /// What is wrong with a drive, in words; red is for these alone.
 export function wrongs(drive, joint, temperature_degC) {
   const found = [];
-  if (drive?.error_code) found.push(`error ${errorCode(drive.error_code)}${drive.error_text ? ': ' + drive.error_text : ''}`);
+  const text = drive?.error_text ? ': ' + drive.error_text : '';
+  if (drive?.error_code) found.push(`error ${errorCode(drive.error_code)}${text}`);
   else if (/fault/.test(drive?.state ?? '')) found.push(words(drive.state));
   if (isNumber(joint.limit_degC) && temperature_degC >= joint.limit_degC)
     found.push(`${withUnit(temperature_degC, 'degC')} is over its limit of ${withUnit(joint.limit_degC, 'degC')}`);
@@ -31,7 +32,7 @@ const facts = [
 ];
 const ofDrive = (name) => name.startsWith('target.') || name === 'following_error_rad';
 
-const busName = ({ bus }) => (bus === null || bus === undefined ? '' : isNumber(bus) ? `bus ${bus}, ` : `${bus}, `);
+const busName = ({ bus }) => (bus === null || bus === undefined ? '' : isNumber(bus) ? `bus ${bus} ` : `${bus} `);
 
 class Tile {
   constructor(joint, choose) {
@@ -46,7 +47,8 @@ class Tile {
     this.brake = element('dd');
     this.numbers = facts.map(([label, name, unit]) => {
       const value = number(name);
-      return { name, unit, value, row: element('div', {}, element('dt', { textContent: label }), element('dd', {}, value)) };
+      const row = element('div', {}, element('dt', { textContent: label }), element('dd', {}, value));
+      return { name, unit, value, row };
     });
     this.brakeRow = element('div', {}, element('dt', { textContent: 'brake' }), this.brake);
     const name = element('button', { type: 'button', className: 'name', textContent: joint.name,
@@ -55,7 +57,8 @@ class Tile {
       element('h3', {}, name, this.badge), this.state, this.network, this.fault,
       element('p', { className: 'temperature' }, this.temperature),
       element('div', { className: 'track', 'aria-hidden': 'true' }, this.bar), this.limit,
-      element('dl', {}, ...this.numbers.map((n) => n.row), this.brakeRow));
+      element('details', { open: innerWidth > 600 }, element('summary', { textContent: 'numbers' }),
+        element('dl', {}, ...this.numbers.map((n) => n.row), this.brakeRow)));
   }
 
   show(drive, values, warmest, span) {
@@ -82,7 +85,9 @@ class Tile {
   showWords(drive, wrong) {
     const bus = drive && drive.state !== null && drive.state !== undefined;
     setText(this.state, bus ? words(drive.state) : 'simulated, not on a bus');
-    setText(this.network, bus ? `NMT ${words(drive.nmt)} · ${modeText(drive.mode)} · ${busName(drive)}node ${drive.node}` : '');
+    const [mode, modeWords] = modeText(drive?.mode);
+    setText(this.network, bus ? `NMT ${words(drive.nmt)} · ${mode} · ${busName(drive)}node ${drive.node}` : '');
+    this.network.title = bus ? modeWords : '';
     this.fault.hidden = wrong.length === 0;
     setText(this.fault, wrong.length ? '✖ ' + wrong.join('; ') : '');
     this.brakeRow.hidden = typeof drive?.brake !== 'boolean';
