@@ -1,7 +1,7 @@
 // Numbers and words. A number is shown rounded; its <data> carries all digits as value and tooltip.
 import { element, grouped } from './dom.js';
 
-const places = { rad: 4, 'rad/s': 3, degC: 1, K: 1, Nm: 2, s: 2, '%': 1, us: 0, kg: 3, 'bit/s': 0 };
+const places = { rad: 4, 'rad/s': 3, degC: 1, K: 1, Nm: 2, s: 3, '%': 1, us: 0, kg: 3, 'bit/s': 0, min: 1 };
 const printed = { degC: '°C', us: 'µs' };
 export const unitText = (unit) => printed[unit] ?? unit;
 export const isNumber = (value) => typeof value === 'number' && Number.isFinite(value);

@@ -131,6 +131,8 @@ export class Plots {
     byId('series').replaceChildren(...hello.joints.map((joint, i) => this.choice(joint.name, i)));
     this.size = new ResizeObserver(() => this.plots.forEach((plot) => plot.graph?.resize()));
     this.size.observe(byId('figures'));
+    this.time = number('cursor_s');
+    byId('cursor_time').replaceChildren(this.time);
     this.controls();
   }
 
@@ -155,7 +157,7 @@ export class Plots {
     on('zoom_in', () => this.zoom(0.5));
     on('zoom_out', () => this.zoom(2));
     const { capacity, columns } = this.ring;
-    const minutes = rounded(capacity * this.step_s / 60, 's');
+    const minutes = rounded(capacity * this.step_s / 60, 'min');
     const lasts = this.step_s > 0 ? `, ${minutes} min at one row per ${this.step_s} s` : '';
     setText(byId('kept'), `This page keeps the last ${grouped(capacity)} rows of ${columns} numbers${lasts} (at most ` +
       `${kept.bytes / 2 ** 20} MiB and ${kept.seconds / 60} min); older ones are forgotten. Lines: every row where they ` +
@@ -223,7 +225,8 @@ export class Plots {
     const chosen = isNumber(this.cursor) ? ring.nearest(this.cursor) : -1;
     const row = chosen >= 0 ? chosen : ring.last;
     for (const plot of this.plots) plot.showCursor(ring, row, chosen >= 0);
-    setText(byId('cursor_time'), row < 0 ? '' : `${chosen >= 0 ? 'at' : 'newest,'} ${ring.time(row)} s`);
+    setText(byId('cursor_kind'), chosen >= 0 ? 'cursor at ' : 'newest at ');
+    showNumber(this.time, row < 0 ? null : ring.time(row), 's');
   }
 
   key(event) {

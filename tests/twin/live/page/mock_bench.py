@@ -4,7 +4,11 @@ import http.server, json, os, struct, threading
 import frames
 
 DYGRAPHS = "/usr/share/javascript/dygraphs/dygraph.min.js"
-TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
+TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+}
 POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'"
 QUANTITIES = [
     ("position_rad", "rad"),

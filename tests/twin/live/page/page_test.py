@@ -1,0 +1,318 @@
+"""The page of the live bench in chromium, against a bench that says what the test wants. Argument: source tree."""
+import json, math, sys
+
+from harness import check, finish, path, work
+import devtools, mock_bench
+
+JOINTS = 6
+TEMPERATURES = [41.2, 74.6, 55.123456789012345, 38.9, 113.4, 47.7]
+
+
+def row(number):
+    """No value of it is round: what is shown exactly must have come exactly."""
+    values = [number * 1e-3]
+    for j in range(JOINTS):
+        angle = 0.3 * number * 1e-3 + j
+        values += [math.sin(angle), math.cos(angle) / 3, 1.1 * math.cos(angle) - j, 100 / 3 + math.cos(angle)]
+        values += [math.pi * 100 * math.sin(angle), TEMPERATURES[j] + number / 3e6]
+    return values
+
+
+def status(**changes):
+    names = [f"joint{j + 1}" for j in range(JOINTS)]
+    drives = [{"joint": name, "bus": "can0", "node": j + 1, "nmt": "operational"} for j, name in enumerate(names)]
+    for j, drive in enumerate(drives):
+        drive.update(state="operation enabled", mode="CSP", error_code=0, error_text=None, brake=False)
+        drive.update(
+            target={"position_rad": j / 7, "torque_nm": None}, following_error_rad=j / 3000, time_to_limit_s=None
+        )
+    drives[2].update(state="fault", error_code=0x8611, error_text="following error", brake=True)
+    drives[4].update(time_to_limit_s=412.5)
+    times = {"median": 1000.25, "p99": 1034.125, "max": 1240.5}
+    answers = {"median": 84.5, "p99": 121.75, "max": 240.0, "histogram": [[50, 0], [100, 900], [200, 95], [None, 5]]}
+    bus = {"name": "can0", "load": 0.6123456, "bit_rate": 1000000, "frames_in": 700, "frames_out": 1300, "syncs": 100}
+    bus.update(lost=0, foreign=2, sync_period_us=times, sync_to_tpdo_us=answers)
+    return {"type": "status", "simulated_s": 12.5, "wall_s": 12.75, "paused": False, "recording": False, "lost_frames": 0,
+            "drives": drives, "buses": [bus], **changes}  # fmt: skip
+
+
+VALUES = """(root) => Object.fromEntries([...document.querySelectorAll(root + ' data')]
+  .filter(d => d.value !== '').map(d => [d.dataset.name, Number(d.value)]))"""
+
+
+def values(tab, root):
+    return tab.value(f"({VALUES})({json.dumps(root)})")
+
+
+def received(tab, rows):
+    return check(f"{rows} rows arrive", tab.until(f"Number(document.querySelector('#rows data').value) === {rows}"))
+
+
+def check_numbers(tab, bench):
+    bench.rows(1000, [row(n) for n in range(1000, 1400)])
+    bench.say(status())
+    received(tab, 400)
+    last, names = row(1399), [q[0] for q in mock_bench.QUANTITIES]
+    tab.until("document.querySelector('#drive_joint6 [data-name=following_error_rad]').value !== ''")
+    for j in range(JOINTS):
+        sent = dict(zip(names, last[1 + 6 * j :]))
+        sent |= {"target.position_rad": j / 7, "following_error_rad": j / 3000}
+        shown = values(tab, f"#drive_joint{j + 1}")
+        check(f"joint{j + 1}: numbers are those sent, to the last digit", shown == sent, (shown, sent))
+    tips = tab.value("[...document.querySelectorAll('#drives data')].map(d => [d.title, d.textContent])")
+    units = ("rad", "rad/s", "Nm", "°C")
+    shown = [t for t in tips if t[1] != "–"]
+    good = all(title.endswith(tuple(f" {u}" for u in units)) and text.endswith(units) for title, text in shown)
+    check("every number has its unit, on the tile and in its tooltip", len(shown) >= 48 and good, shown)
+    check("the tooltip has all digits", tips[1][0] == f"{row(1399)[1]!r} rad", tips[:3])
+    bus = values(tab, "#bus_can0")
+    check("bus: load, SYNC and frames as sent", bus["load_percent"] == 100 * 0.6123456 and bus["lost"] == 0, bus)
+    check("bus: SYNC to TPDO", bus["sync_to_tpdo_us.p99"] == 121.75 and bus["sync_period_us.max"] == 1240.5, bus)
+    bins = tab.value("[...document.querySelectorAll('#bus_can0 .bin title')].map(t => t.textContent)")
+    check("bus: histogram", bins == ["up to 50 µs: 0", "over 50 up to 100 µs: 900", "over 100 up to 200 µs: 95",
+                                     "over 200 up to any µs: 5"], bins)  # fmt: skip
+
+
+def check_first_sight(tab):
+    wrong = tab.value("document.querySelector('#wrong_list').innerText")
+    check("what is wrong stands on top, in words", wrong == "joint3 error 8611h: following error", wrong)
+    warmest = tab.value("document.querySelector('#warmest_text').innerText")
+    check("so does the warmest joint", warmest.startswith("joint5 113.4 °C warm: 6.6 K below 120.0 °C, reached in 6 min"),
+          warmest)  # fmt: skip
+    marked = tab.value("['wrong', 'warmest'].map(k => [...document.querySelectorAll('.tile.' + k)].map(t => t.id))")
+    check("one tile is wrong, one is warmest", marked == [["drive_joint3"], ["drive_joint5"]], marked)
+    tile = tab.value("document.querySelector('#drive_joint3').innerText")
+    check("its tile says state, NMT, mode and node", all(
+        s in tile for s in ("fault", "NMT operational · CSP · can0 node 3", "brake\nset")), tile)  # fmt: skip
+    red = """[...document.querySelectorAll('.tile *')].filter(e => e.offsetParent && getComputedStyle(e).color ===
+      getComputedStyle(document.querySelector('.tile .fault:not([hidden])')).color).map(e => e.closest('.tile').id)"""
+    check("red is on that tile alone", set(tab.value(red)) == {"drive_joint3"}, tab.value(red))
+
+
+def check_lost_rows(tab, bench):
+    bench.rows(1410, [row(n) for n in range(1410, 1500)])
+    received(tab, 490)
+    check("ten lost rows are counted", values(tab, "#lost") == {"rows_lost": 10}, values(tab, "#lost"))
+    tab.until("document.querySelector('#lost').className === 'bad'")
+    check("and stand out", tab.value("document.querySelector('#lost').className") == "bad")
+
+
+def check_plots(tab):
+    box = tab.until("(() => { const r = document.querySelector('.area canvas')?.getBoundingClientRect();"
+                    "return r && {x: r.x, y: r.y, w: r.width, h: r.height}; })()")  # fmt: skip
+    tab.value("document.querySelector('.history').scrollIntoView({block: 'center'})")
+    tab.value("document.querySelector('.history').focus()")
+    tab.key("End", 35)
+    tab.key("ArrowLeft", 37)
+    tab.key("ArrowLeft", 37)
+    shown = values(tab, "#figures")
+    sent = row(1497)
+    same = all(
+        shown[f"joint{j + 1}.{name}"] == sent[1 + 6 * j + at]
+        for j in range(JOINTS)
+        for at, name in enumerate(q[0] for q in mock_bench.QUANTITIES)
+        if name not in ("velocity_rad_s", "load_nm")
+    )
+    check("the cursor, two rows back by keyboard, shows that row", same, (shown, sent))
+    check("it says when", values(tab, "#cursor_time") == {"cursor_s": sent[0]}, values(tab, "#cursor_time"))
+    check("a cursor holds the histories", tab.value("document.querySelector('#hold').textContent") == "Go on")
+    tab.key("Escape", 27)
+    check("Escape goes on", tab.value("document.querySelector('#view').textContent") == "following the newest row")
+    top = "document.querySelector('.area').getBoundingClientRect()"
+    y, x, width = tab.value(f"{top}.y") + 60, tab.value(f"{top}.x"), box["w"]
+    tab.mouse("mousePressed", x + 0.5 * width, y, button="left", clickCount=1)
+    tab.mouse("mouseMoved", x + 0.7 * width, y, button="left", buttons=1)
+    tab.mouse("mouseReleased", x + 0.7 * width, y, button="left", clickCount=1)
+    view = tab.value("document.querySelector('#view').textContent")
+    check("dragging zooms all histories", view.startswith("held: 1."), view)
+    tab.value("document.querySelector('#now').click()")
+
+
+def check_law(tab, bench):
+    check("the page watches the first joint", bench.messages == [{"type": "watch", "joint": "joint1"}], bench.messages)
+    speeds = [2.0 * i for i in range(40)]
+    bench.say({"type": "law", "joint": "joint2", "temperature_degC": 99.0, "load_norm": 0.5, "speed_rad_s": speeds,
+               "friction_nm": speeds})  # fmt: skip
+    bench.say({"type": "law", "joint": "joint1", "temperature_degC": 41.25, "load_norm": 0.125, "speed_rad_s": speeds,
+               "friction_nm": [40 + s for s in speeds]})  # fmt: skip
+    bench.rows(1500, [row(1500)])
+    text = "document.querySelector('#friction_text').textContent"
+    tab.until(text + ".includes('41.3')")
+    said = tab.value(text)
+    check("the law of the chosen joint, with its temperature", "law load at 41.3 °C and load 0.125 " in said, said)
+    check("with points", "Squares: the last 12" in said, said)
+    drawn = tab.value(
+        "(() => { const c = document.querySelector('#friction_canvas'); return [...c.getContext('2d')"
+        ".getImageData(0, 0, c.width, c.height).data].filter((v, i) => i % 4 === 3 && v > 200).length; })()"
+    )
+    check("something is drawn", drawn > 500, drawn)
+
+
+def submit(tab, name, **values_of):
+    """By the elements of the form, as somebody would who fills it in."""
+    for key, value in values_of.items():
+        tab.value(
+            f"""(() => {{ const i = document.querySelector('form[data-do={name}]').elements['{key}'];
+          i.value = {json.dumps(value)}; i.dispatchEvent(new Event('change', {{bubbles: true}})); }})()"""
+        )
+    tab.value(f"document.querySelector('form[data-do={name}] button').click()")
+
+
+def check_commands(tab, bench):
+    bench.messages.clear()
+    bench.refuse = {"wear"}
+    forms = tab.value("[...document.querySelectorAll('#controls form')].map(f => f.dataset.do)")
+    check("one form for each command", forms == mock_bench.COMMANDS, forms)
+    submit(tab, "pause")
+    submit(tab, "step", cycles="25")
+    submit(tab, "marker", text="new <b>grease</b>")
+    submit(tab, "fault", kind="over_temperature", joint="joint5", duration_s="0.5", temperature_degC="140")
+    submit(tab, "fault", kind="drop", joint="", duration_s="2", probability="0.25")
+    submit(tab, "fault", kind="bus_off", duration_s="3")
+    submit(tab, "wear", joint="joint2", factor="1.5")
+    want = [
+        {"do": "pause"},
+        {"do": "step", "cycles": 25},
+        {"do": "marker", "text": "new <b>grease</b>"},
+        {"do": "fault", "kind": "over_temperature", "joint": "joint5", "duration_s": 0.5, "temperature_degC": 140},
+        {"do": "fault", "kind": "drop", "duration_s": 2, "probability": 0.25},
+        {"do": "fault", "kind": "bus_off", "duration_s": 3},
+        {"do": "wear", "joint": "joint2", "factor": 1.5},
+    ]
+    want = [{"type": "command", "id": i + 1, **w} for i, w in enumerate(want)]  # fmt: skip
+    check("the answers come", tab.until("document.querySelectorAll('#answers .done').length === 6"))
+    check("commands are sent as the interface says", bench.messages == want, bench.messages)
+    answers = tab.value("[...document.querySelectorAll('#answers li')].map(l => [l.className, l.textContent])")
+    check(
+        "a refusal is said", answers[0] == ["bad", "✖ wear, joint joint2, factor 1.5: refused, <b>not now</b>"], answers
+    )
+    submit(tab, "step", cycles="0")
+    check("a number out of range is not sent", len(bench.messages) == 7, bench.messages[7:])
+
+
+def check_events(tab, bench):
+    bench.say({"type": "event", "time_s": 1.25, "kind": "emcy", "joint": "joint3", "text": "8611h <img src=x>"})
+    bench.say({"type": "event", "time_s": 1.375, "kind": "marker", "joint": None, "text": "here"})
+    tab.until("document.querySelectorAll('#timeline .sign').length === 2")
+    said = tab.value("[...document.querySelectorAll('#event_list li')].map(l => l.innerText.replace(/\\s+/g, ' '))")
+    check("events, newest first", said == ["1.375 s ◆ marker here", "1.250 s ▲ EMCY joint3: 8611h <img src=x>"], said)
+    check("they are text, not markup", tab.value("document.images.length") == 0)
+    check("and marks on a line of time", tab.value("document.querySelectorAll('#timeline .sign').length") == 2)
+
+
+def check_reconnect(tab, bench, folder):
+    port = bench.port
+    bench.kill()
+    lost = "document.querySelector('#wrong_list').innerText"
+    check("a lost connection is said where it cannot be missed", tab.until(lost + ".startsWith('connection lost')"),
+          tab.value(lost))  # fmt: skip
+    shown = values(tab, "#drive_joint2")["temperature_degC"]
+    check("the last numbers stay", shown == row(1500)[12], shown)
+    submit(tab, "resume")
+    answer = tab.value("document.querySelector('#answers li').textContent")
+    check(
+        "a command without connection is not called sent", answer == "resume: not sent, there is no connection", answer
+    )
+    tab.console[:] = [c for c in tab.console if "WebSocket connection to" not in c and "ERR_CONNECTION" not in c]
+    again = mock_bench.MockBench(folder, mock_bench.hello(session="second", commands=["marker", "later"]), port)
+    check("it comes back by itself", tab.until("document.body.dataset.link === 'up'", 12))
+    again.rows(0, [row(n) for n in range(50)])
+    received(tab, 50)
+    check("another session begins anew: nothing is lost", values(tab, "#lost") == {"rows_lost": 0})
+    check("its commands alone", tab.value("[...document.querySelectorAll('#controls form')].map(f => f.dataset.do)") ==
+          ["marker"])  # fmt: skip
+    check("the old events are gone", tab.value("document.querySelectorAll('#event_list li').length") == 0)
+    tab.until("Number(document.querySelector('#drive_joint2 [data-name=temperature_degC]').value) === "
+              + repr(row(49)[12]))  # fmt: skip
+    check("new numbers", values(tab, "#drive_joint2")["temperature_degC"] == row(49)[12])
+    return again
+
+
+OVERFLOW = """[document.documentElement.scrollWidth - innerWidth, [...document.querySelectorAll('body *')].filter(e =>
+  !e.closest('svg') && e.getBoundingClientRect().right > innerWidth + 1 && !e.closest('.frame')).map(e => e.outerHTML
+  .slice(0, 80))]"""
+
+
+def check_widths(tab):
+    for width, height in ((360, 740), (768, 1024), (1440, 900), (3840, 2160)):
+        for scheme in ("light", "dark"):
+            tab.window(width, height, scheme)
+            tab.until("document.querySelector('.area canvas').getBoundingClientRect().right <= innerWidth", 2)
+            over = tab.value(OVERFLOW)
+            check(f"nothing is wider than {width} px, {scheme}", over[0] <= 0 and not over[1], over)
+            tab.picture(path(f"{width}_{scheme}.png"))
+    small = (
+        "[...document.querySelectorAll('button, select, input')].filter(e => e.offsetParent && !e.labels?.length && "
+    )
+    small += "!e.textContent.trim() && !e.ariaLabel).map(e => e.outerHTML)"
+    check("every control has a name", tab.value(small) == [], tab.value(small))
+
+
+def check_readonly(tab, folder):
+    bench = mock_bench.MockBench(folder, mock_bench.hello(readonly=True, joints=1, program="run"))
+    tab.go(f"http://127.0.0.1:{bench.port}/")
+    check("read-only: said", tab.until("!document.querySelector('#readonly').hidden"))
+    check("read-only: nothing to act with", tab.value("document.querySelector('#acting').hidden"))
+    bench.say(status(drives=None, buses=[]))
+    bench.rows(0, [row(n)[:7] for n in range(3)])
+    received(tab, 3)
+    tile = "document.querySelector('#drive_joint1 .state').textContent"
+    check("a drive without a bus", tab.until(tile + " === 'simulated, not on a bus'"), tab.value(tile))
+    return bench
+
+
+def check_watched_memory(tab, bench):
+    """More rows than the page keeps: the ring of one joint has 10 min / step_s = 600 s rows."""
+    bench.hello = mock_bench.hello(joints=1, step_s=0.3, session="long")
+    for viewer in list(bench.viewers):
+        viewer.send(json.dumps(bench.hello))
+    bench.rows(0, [row(n)[:7] for n in range(3000)])
+    received(tab, 3000)
+    tab.value("document.querySelector('#window').value = '0', document.querySelector('#window').onchange()")
+    kept = tab.value("document.querySelector('#kept').textContent")
+    check(
+        "the page says how much it keeps",
+        kept.startswith("This page keeps the last 2 000 rows of 7 numbers, 10.0 min"),
+        kept,
+    )
+    tab.value("document.querySelector('.history').focus()")
+    tab.key("Home", 36)
+    oldest = values(tab, "#cursor_time")
+    check("and keeps no more", oldest == {"cursor_s": row(1000)[0]}, oldest)
+
+
+def main():
+    folder = sys.argv[1] + "/twin/live/page"
+    bench = mock_bench.MockBench(folder, mock_bench.hello())
+    browser = devtools.Browser(work)
+    try:
+        tab = browser.tab()
+        tab.window(1440, 900)
+        tab.go(f"http://127.0.0.1:{bench.port}/")
+        check("connected", tab.until("document.body.dataset.link === 'up'"))
+        tab.until("document.querySelectorAll('.tile').length === 6")
+        check_numbers(tab, bench)
+        check_first_sight(tab)
+        check_lost_rows(tab, bench)
+        check_plots(tab)
+        check_law(tab, bench)
+        check_commands(tab, bench)
+        check_events(tab, bench)
+        check_widths(tab)
+        check("no console message", not tab.console, tab.console)
+        missing = bench.not_found
+        bench = check_reconnect(tab, bench, folder)
+        own = (f"http://127.0.0.1:{bench.port}/", f"ws://127.0.0.1:{bench.port}/", "data:,")
+        check(
+            "no request to anywhere else", tab.requests and all(r.startswith(own) for r in tab.requests), tab.requests
+        )
+        watching = check_readonly(tab, folder)
+        check_watched_memory(tab, watching)
+        check("no console message until the end", not tab.console, tab.console)
+        check("no file is asked for that there is not", missing + watching.not_found == [], missing)
+    finally:
+        browser.close()
+    finish()
+
+
+main()
