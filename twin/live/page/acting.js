@@ -6,7 +6,8 @@ const answersKept = 20, patience_ms = 5000;
 /// Of hil/faults: which keys a kind has beside kind and duration_s, and whether it needs a drive.
 export const faults = {
   drop: { keys: ['probability'] }, delay: { keys: ['probability', 'delay_s'] },
-  corrupt: { keys: ['probability'] }, duplicate: { keys: ['probability'] }, silence: { joint: true, keys: [] }, bus_off: { whole: true, keys: [] },
+  corrupt: { keys: ['probability'] }, duplicate: { keys: ['probability'] },
+  silence: { joint: true, keys: [] }, bus_off: { whole: true, keys: [] },
   link_down: { whole: true, keys: [] }, over_temperature: { joint: true, keys: ['temperature_degC'] },
   encoder_freeze: { joint: true, keys: [] }, safe_torque_off: { joint: true, keys: [] },
 };
@@ -54,7 +55,8 @@ export class Acting {
   }
 
   form(name) {
-    const parts = name === 'marker' ? this.markerParts() : name === 'fault' ? this.faultParts() : this.simpleParts(name);
+    const special = { marker: () => this.markerParts(), fault: () => this.faultParts() };
+    const parts = special[name] ? special[name]() : this.simpleParts(name);
     if (!parts) return null;  // a command of a later program, which this page does not know
     const form = element('form', { 'data-do': name }, ...parts);
     form.addEventListener('submit', (event) => {
@@ -72,7 +74,8 @@ export class Acting {
   }
 
   markerParts() {
-    const input = element('input', { name: 'text', required: true, maxLength: 200, autocomplete: 'off', id: 'marker_text' });
+    const input = element('input', { name: 'text', required: true, maxLength: 200, id: 'marker_text' });
+    input.autocomplete = 'off';
     return [element('label', { 'data-key': 'text' }, 'marker ', input), element('button', { textContent: 'Mark' })];
   }
 
@@ -122,7 +125,8 @@ export class Acting {
     if (!asked) return;
     clearTimeout(asked.timer);
     this.pending.delete(id);
-    this.say(asked.row, `${ok ? '✔' : '✖'} ${asked.what}: ${ok ? 'done' : 'refused'}${message ? ', ' + message : ''}`, ok);
+    const answer = `${ok ? '✔' : '✖'} ${asked.what}: ${ok ? 'done' : 'refused'}`;
+    this.say(asked.row, answer + (message ? ', ' + message : ''), ok);
   }
 
   /// The connection is lost: nobody will answer.

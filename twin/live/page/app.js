@@ -37,7 +37,7 @@ function begin(hello) {
 }
 
 function build(hello) {
-  page.ring = new Ring(hello.columns.length, hello.step_s);
+  page.ring = new Ring(hello.columns.length);
   page.columns = new Map(hello.columns.map((column, i) => [`${column.joint} ${column.name}`, i]));
   page.plots?.size.disconnect();
   page.friction?.size.disconnect();
@@ -81,6 +81,7 @@ function showText() {
     showNumber(counts.rows, ring.received, '');
     showNumber(counts.lost, ring.lost, '');
     byId('lost').classList.toggle('bad', ring.lost > 0);
+    page.plots.showKept();
     if (ring.last >= 0) page.events.draw(ring.time(ring.begin), ring.time(ring.last));
   }
   showWrong(wrong);

@@ -21,7 +21,8 @@ class Bus {
     this.histogram = element('div', { className: 'histogram' });
     this.caption = element('figcaption');
     this.root = element('article', { className: 'card bus', id: 'bus_' + name },
-      element('h2', { textContent: `Bus ${name}` }), element('div', { className: 'track', 'aria-hidden': 'true' }, this.bar),
+      element('h2', { textContent: `Bus ${name}` }),
+      element('div', { className: 'track', 'aria-hidden': 'true' }, this.bar),
       element('dl', {}, ...this.values.map((entry) => entry.row)),
       element('figure', {}, this.histogram, this.caption));
   }
@@ -47,7 +48,8 @@ class Bus {
     const width = 400, height = 110, each = width / Math.max(1, bins.length);
     const bars = bins.map(([upper_us, count], i) => {
       const tall = count ? Math.max(1, (count / most) * (height - 18)) : 0;
-      const bar = drawing('rect', { x: i * each + 0.5, y: height - tall, width: Math.max(0.5, each - 1), height: tall });
+      const wide = Math.max(0.5, each - 1);
+      const bar = drawing('rect', { x: i * each + 0.5, y: height - tall, width: wide, height: tall });
       bar.classList.add('bin');
       const lower = i ? `over ${bins[i - 1][0]} ` : '';
       bar.append(drawing('title'));
@@ -57,8 +59,8 @@ class Bus {
     this.histogram.replaceChildren(drawing('svg', { viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: 'none',
       role: 'img', 'aria-label': 'Histogram of the time from SYNC to TPDO' }, ...bars));
     const edges = bins.map((bin) => bin[0]).filter(isNumber);
-    setText(this.caption, bins.length ? `TPDOs over their time from SYNC [µs]: bins up to ${edges[0]} … ${edges.at(-1)} µs, ` +
-      `tallest ${grouped(most)}` : 'no time from SYNC to TPDO yet');
+    setText(this.caption, bins.length ? 'TPDOs over their time from SYNC [µs]: bins up to ' +
+      `${edges[0]} … ${edges.at(-1)} µs, tallest ${grouped(most)}` : 'no time from SYNC to TPDO yet');
   }
 }
 

@@ -25,8 +25,9 @@ export class Events {
     this.all.push(event);
     if (this.all.length > most) this.all.shift();
     const [sign, name] = kinds[event.kind] ?? ['●', event.kind];
-    const when = element('button', { type: 'button', className: 'time', title: `${event.time_s} s: show the histories then`,
-      textContent: `${rounded(event.time_s, 's')} s`, onclick: () => this.show(event.time_s) });
+    const when = element('button', { type: 'button', className: 'time',
+      title: `${event.time_s} s: show the histories then`, textContent: `${rounded(event.time_s, 's')} s`,
+      onclick: () => this.show(event.time_s) });
     const row = element('li', { className: 'event' }, when,
       element('span', { className: 'kind', textContent: `${sign} ${name}` }),
       element('span', { textContent: `${event.joint ? event.joint + ': ' : ''}${event.text}` }));

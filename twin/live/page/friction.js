@@ -137,8 +137,8 @@ export class Friction {
 
   describe(points) {
     const parts = [];
-    if (this.law) parts.push(`Line: law ${this.joint.law ?? ''} at ${withUnit(this.law.temperature_degC, 'degC')} and ` +
-      `load ${rounded(this.law.load_norm, 's')} of the largest torque.`);
+    if (this.law) parts.push(`Line: law ${this.joint.law ?? ''} at ${withUnit(this.law.temperature_degC, 'degC')} ` +
+      `and load ${rounded(this.law.load_norm, 's')} of the largest torque.`);
     else parts.push(this.refusal ? `No law: ${this.refusal}.` : 'The law has not come yet.');
     if (!this.joint?.gear_ratio) parts.push('No points: the program does not say the gear ratio.');
     else parts.push(`Squares: the last ${points.length} of every ${perRow}th row, the newest in a circle; at rest ` +

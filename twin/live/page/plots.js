@@ -1,7 +1,7 @@
 // Histories of position, torque, friction and temperature: one time axis, one cursor, every row where it is zoomed in.
 import { byId, drawing, element, grouped, setText, style } from './dom.js';
 import { isNumber, number, rounded, showNumber, unitText } from './format.js';
-import { drawn, kept } from './rows.js';
+import { drawn, keptBytes } from './rows.js';
 
 // Its legend needs style attributes, which the page's policy forbids; the histories have legends of their own.
 Dygraph.PLUGINS = Dygraph.PLUGINS.filter((plugin) => plugin !== Dygraph.Plugins.Legend);
@@ -34,7 +34,7 @@ class Plot {
       { className: 'value' }, swatch(column.series), ` ${column.joint} `, this.readout[i])));
     const caption = element('figcaption', {}, element('strong', { textContent: `${title} [${unitText(this.unit)}]` }),
       ' over time [s]');
-    this.root = element('figure', { tabIndex: 0, className: 'history', 'aria-label': `${title} of the joints over time` });
+    this.root = element('figure', { tabIndex: 0, className: 'history', 'aria-label': `${title} over time` });
     this.root.append(caption, element('div', { className: 'frame' }, this.area, this.line), this.legend);
     this.area.addEventListener('mousemove', (event) => this.point(event));
     this.area.addEventListener('mouseleave', () => plots.setCursor(null));
@@ -52,7 +52,8 @@ class Plot {
     return {
       labels: ['time', ...this.columns.map((column) => column.joint)],
       colors: this.columns.map((column) => colour(column.series)),
-      series: Object.fromEntries(this.columns.map(({ joint, series }) => [joint, { strokePattern: dashes[series % 8] }])),
+      series: Object.fromEntries(this.columns.map((column) =>
+        [column.joint, { strokePattern: dashes[column.series % 8] }])),
       visibility: this.columns.map((column) => this.plots.shown.has(column.joint)),
       strokeWidth: 1.6, highlightCircleSize: 0, animatedZooms: false, axisLabelFontSize: 12, rightGap: 8,
       gridLineColor: style('--grid'), axisLineColor: style('--line'),
@@ -102,7 +103,8 @@ class Plot {
 
   showCursor(ring, row, chosen) {
     this.line.hidden = !chosen || !this.graph;
-    this.columns.forEach(({ index }, i) => showNumber(this.readout[i], row < 0 ? null : ring.at(row, index), this.unit));
+    this.columns.forEach(({ index }, i) =>
+      showNumber(this.readout[i], row < 0 ? null : ring.at(row, index), this.unit));
     if (this.line.hidden) return;
     const x = this.graph.toDomXCoord(ring.time(row));
     const area = this.graph.getArea();
@@ -116,7 +118,6 @@ export class Plots {
   constructor(hello, ring, events) {
     this.ring = ring;
     this.events = events;
-    this.step_s = hello.step_s;
     this.shown = new Set(hello.joints.map((joint) => joint.name));
     this.fixed = null;   // [from, to] of what is looked at; null follows the newest row
     this.cursor = null;  // time
@@ -156,13 +157,17 @@ export class Plots {
     on('later', () => this.move(0.5));
     on('zoom_in', () => this.zoom(0.5));
     on('zoom_out', () => this.zoom(2));
-    const { capacity, columns } = this.ring;
-    const minutes = rounded(capacity * this.step_s / 60, 'min');
-    const lasts = this.step_s > 0 ? `, ${minutes} min at one row per ${this.step_s} s` : '';
-    setText(byId('kept'), `This page keeps the last ${grouped(capacity)} rows of ${columns} numbers${lasts} (at most ` +
-      `${kept.bytes / 2 ** 20} MiB and ${kept.seconds / 60} min); older ones are forgotten. Lines: every row where they ` +
-      'fit, else smallest and largest of each stretch.');
     this.live();
+  }
+
+  /// How far back the ring reaches once it is full, at the rate of the rows that are in it.
+  showKept() {
+    const { ring } = this, rows = ring.last - ring.begin;
+    const each_s = rows > 0 ? (ring.time(ring.last) - ring.time(ring.begin)) / rows : 0;
+    const minutes = each_s > 0 ? `, ${rounded(ring.capacity * each_s / 60, 'min')} min at the rate of now` : '';
+    setText(byId('kept'), `This page keeps the last ${grouped(ring.capacity)} rows of ${ring.columns} numbers ` +
+      `(${keptBytes / 2 ** 20} MiB)${minutes}; older ones are forgotten. Lines: every row where they fit, else ` +
+      'smallest and largest of each stretch.');
   }
 
   retheme() {

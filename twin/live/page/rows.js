@@ -1,7 +1,7 @@
 // Rows of numbers as they come: decoding, and the ring that keeps the last of them.
 
 const headBytes = 24;
-export const kept = { bytes: 48 * 2 ** 20, seconds: 600 };
+export const keptBytes = 48 * 2 ** 20;
 
 /// One binary message of kind 1: {first, rows, columns, values}; throws where it is none.
 export function decode(buffer) {
@@ -23,10 +23,9 @@ function values(buffer, count) {
 
 /// The last rows, first column time_s. Rows have running numbers; a gap is kept as one row without values.
 export class Ring {
-  constructor(columns, step_s) {
+  constructor(columns) {
     this.columns = columns;
-    const asked = step_s > 0 ? Math.ceil(kept.seconds / step_s) : Infinity;
-    this.capacity = Math.max(2, Math.min(asked, Math.floor(kept.bytes / (8 * columns))));
+    this.capacity = Math.max(2, Math.floor(keptBytes / (8 * columns)));
     this.values = new Float64Array(this.capacity * columns);
     this.clear();
   }
