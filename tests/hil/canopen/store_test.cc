@@ -195,7 +195,8 @@ TEST_F(Store, TheNodeNumber) {
   EXPECT_EQ(node->id(), 0xFF);
 }
 
-// A store looks at each object of a large EDS once: eight times the objects take about eight times as long, not 64.
+// A store looks at each object of a large EDS once: 64 times the objects take about 64 times as long, not 4,096; caches
+// and a busy machine make it 64 to 250.
 TEST(StoreOfAForeignDrive, TakesTimeInProportionToItsEds) {
   const auto seconds = [](int objects) {
     NodeSetup setup{.keep = [](const KeptParameters&) { return true; }};
@@ -215,8 +216,8 @@ TEST(StoreOfAForeignDrive, TakesTimeInProportionToItsEds) {
     EXPECT_EQ(bus.back().data[0], 0x60);
     return best;
   };
-  const double few = seconds(16'000), many = seconds(128'000);  // neither fits into the caches
-  EXPECT_LT(many / few, 24) << few << " s and " << many << " s";
+  const double few = seconds(2'000), many = seconds(128'000);
+  EXPECT_LT(many / few, 512) << few << " s and " << many << " s";
 }
 
 // ---- The file.

@@ -1,6 +1,6 @@
 """tribotwin fleet: learn, check and watch on a synthetic plant; import that can be repeated, refused and killed.
 Arguments: tribotwin."""
-import csv, json, os, random, signal, sqlite3, subprocess, sys, time
+import csv, json, os, random, shutil, signal, sqlite3, subprocess, sys, time
 
 import h5py
 import numpy as np
@@ -110,6 +110,13 @@ with sqlite3.connect(path("plant.db")) as db:
     check("observations are rows", n == 1200 and 4 < fc < 12, (n, fc))
     kept = db.execute("SELECT count(*) FROM verdicts WHERE kind = 'check' AND time_s >= 1774310400").fetchone()[0]
     check("so are verdicts", kept == len(found), kept)
+
+# ---- Models that an earlier version learned are refused: their numbers meant something else.
+shutil.copy(path("calm.db"), path("old.db"))
+with sqlite3.connect(path("old.db")) as db:
+    db.execute("UPDATE models SET model = replace(model, '\"version\":', '\"of\":')")
+r = run("check", "calm.csv", "-o", "old.db", code=2)
+check("models of another version are refused", "tribotwin fleet learn" in r.stderr, r.stderr)
 
 # ---- A folder tree brings the same observations; a changed one is said.
 for row in csv.DictReader(week[:300], fieldnames=HEADER.split(",")):

@@ -44,7 +44,8 @@ struct Shift {
   std::size_t observations = 0;
 };
 
-/// Charts have no factors: a chart compares each curve with those before it, so that nothing is extrapolated.
+/// Charts have no factors: a chart compares each curve with those before it. With few robots and few curves that is not
+/// enough (README, limits).
 enum class WeightsOf { shifts, charts };
 
 /// How probable each persistence is. The healthy curves say it as far as they span days; the shifts of all joints say

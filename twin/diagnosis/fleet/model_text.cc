@@ -70,10 +70,18 @@ RegionModel region_of(const Json& j) {
           .probability = j.at("probability")};
 }
 
+/// Counts up whenever models say something else: 2 has variances of lambda that REML leaves, and factors of shifts.
+constexpr int version = 2;
+
+InputError of_another_version() {
+  return InputError("the store's models are of another version of tribotwin: learn again (tribotwin fleet learn)");
+}
+
 }  // namespace
 
 std::string to_text(const TypeModel& t) {
-  Json j{{"type", t.type},
+  Json j{{"version", version},
+         {"type", t.type},
          {"joint", t.joint},
          {"robots", t.robots},
          {"observations", t.observations},
@@ -91,6 +99,7 @@ std::string to_text(const TypeModel& t) {
 
 TypeModel from_text(const std::string& text) try {
   const Json j = Json::parse(text);
+  if (j.at("version") != version) throw of_another_version();
   TypeModel t{.type = j.at("type"),
               .joint = j.at("joint"),
               .robots = j.at("robots"),
@@ -108,7 +117,7 @@ TypeModel from_text(const std::string& text) try {
   }
   return t;
 } catch (const Json::exception&) {
-  throw InputError("the store's models are of another version of tribotwin: learn again (tribotwin fleet learn)");
+  throw of_another_version();
 }
 
 }  // namespace tribotwin::twin::diagnosis::fleet
