@@ -94,6 +94,7 @@ void BenchFeed::status(const SessionStatus& session) {
     status.buses.push_back(status_of(session, i));
     status.lost_frames += status.buses.back().lost;
   }
+  status.joints = twin::live::joints_of(session.bench->plant().twin());
   time_s_ = session.simulated_s;
   tell_errors(status);
   server_.tell(std::move(status));

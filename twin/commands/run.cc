@@ -348,7 +348,7 @@ void refuse_model(const std::string& given) {
 Summary simulate(const Arguments& a, const Scenario& scenario, const fs::path& output) {
   const auto server = a.web.start(live::hello_of(scenario, "run", TRIBOTWIN_VERSION));
   std::optional<live::TwinFeed> feed;
-  if (server) feed.emplace(*server);
+  if (server) feed.emplace(*server, !output.empty());
   Progress progress(a.quiet);
   return or_throw(
       twin::run(scenario, {.directory = output,

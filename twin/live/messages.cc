@@ -40,6 +40,12 @@ Json bus_json(const BusStatus& bus) {
           {"lost", bus.lost}};
 }
 
+std::string joint_names(const Hello& hello) {
+  std::vector<std::string> names;
+  for (const Joint& joint : hello.joints) names.push_back(joint.name);
+  return joined(names);
+}
+
 /// A name that a page gave to a command: a number, or a text that is not long.
 bool is_id(const nlohmann::json& id) {
   constexpr std::size_t longest = 64;
@@ -51,7 +57,10 @@ bool is_id(const nlohmann::json& id) {
 std::string to_json(const Hello& hello, const std::string& session, bool readonly) {
   Json joints = Json::array(), columns = Json::array();
   for (const Joint& joint : hello.joints)
-    joints.push_back({{"name", joint.name}, {"law", joint.law}, {"limit_degC", or_null(joint.limit_degC)}});
+    joints.push_back({{"name", joint.name},
+                      {"law", joint.law},
+                      {"limit_degC", or_null(joint.limit_degC)},
+                      {"gear_ratio", joint.gear_ratio}});
   for (const Column& column : hello.columns)
     columns.push_back({{"joint", or_null(column.joint)}, {"name", column.name}, {"unit", column.unit}});
   return text_of({{"type", "hello"},
@@ -89,6 +98,15 @@ std::string to_json(const Event& event) {
                   {"text", event.text}});
 }
 
+std::string to_json(const Law& law) {
+  return text_of({{"type", "law"},
+                  {"joint", law.joint},
+                  {"temperature_degC", law.temperature_degC},
+                  {"load_norm", law.load_norm},
+                  {"speed_rad_s", law.speed_rad_s},
+                  {"friction_nm", law.friction_nm}});
+}
+
 std::string to_json(const Done& done) {
   return text_of({{"type", "done"}, {"id", Json(done.id)}, {"ok", done.ok}, {"message", done.text}});
 }
@@ -107,7 +125,14 @@ Asking read_message(const std::string& text, const Hello& hello, bool readonly) 
     const auto found = message.find(key);
     return found != message.end() && found->is_string() ? found->get<std::string>() : std::string();
   };
-  if (word("type") != "command") return refuse("type must be command");
+  if (word("type") == "watch") {
+    const auto joint = std::ranges::find(hello.joints, word("joint"), &Joint::name);
+    if (joint == hello.joints.end()) return refuse("watch: joint must be one of: " + joint_names(hello));
+    if (!hello.law) return refuse("watch: this bench tells no laws");
+    asking.watched = static_cast<std::size_t>(joint - hello.joints.begin());
+    return asking;
+  }
+  if (word("type") != "command") return refuse("type must be command or watch");
   if (asking.refusal.id.is_null()) return refuse("id must be a whole number, or a text of at most 64 bytes");
   if (readonly) return refuse("this bench is read-only (--web-readonly)");
   const std::string name = word("do");

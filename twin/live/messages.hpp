@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -8,17 +9,27 @@
 
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/plugins/drive/drive.hpp>
+
 /// What a live bench says to its page. The schema is in twin/live/README.md.
 namespace tribotwin::twin::live {
 
 struct Joint {
   std::string name, law;
   std::optional<double> limit_degC;
+  double gear_ratio = 1;  ///< motor turns per joint turn
 };
 
 struct Column {
   std::string joint;  ///< empty: of no joint
   std::string name, unit;
+};
+
+/// The friction limit of a joint over its speed.
+struct Law {
+  std::string joint;
+  double temperature_degC = 0, load_norm = 0;
+  std::vector<double> speed_rad_s, friction_nm;  ///< motor side; arm side, against the motion
 };
 
 /// The first message.
@@ -28,6 +39,8 @@ struct Hello {
   std::vector<std::string> commands;  ///< that the page may give
   std::vector<Joint> joints;
   std::vector<Column> columns;
+  /// The law of joint `joint` in this state, for who asks for it. Called on the server's thread.
+  std::function<Law(std::size_t joint, const drive::Workspace& state)> law = {};
 };
 
 struct DriveStatus {
@@ -52,6 +65,7 @@ struct Status {
   std::uint64_t lost_frames = 0;
   std::vector<DriveStatus> drives;  ///< empty: they have no bus
   std::vector<BusStatus> buses;
+  std::vector<drive::Workspace> joints;  ///< their states, for Hello::law
 };
 
 struct Event {
@@ -80,11 +94,13 @@ struct Done {
 std::string to_json(const Hello& hello, const std::string& session, bool readonly);
 std::string to_json(const Status& status);
 std::string to_json(const Event& event);
+std::string to_json(const Law& law);
 std::string to_json(const Done& done);
 
-/// A message of a page: a command, or why it is none.
+/// A message of a page: a command, the joint whose law it wants to see, or why it is neither.
 struct Asking {
   std::optional<Command> command;
+  std::optional<std::size_t> watched;
   Done refusal;
 };
 Asking read_message(const std::string& text, const Hello& hello, bool readonly);

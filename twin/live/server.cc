@@ -119,16 +119,31 @@ struct Server::Impl {
     });
   }
 
+  /// Evaluated here, not on the thread of the steps.
+  void tell_laws() {
+    if (Clock::now() < laws_due || joints.empty()) return;
+    laws_due = Clock::now() + law_period;
+    std::vector<Text> laws(joints.size());
+    for (const auto& viewer : hub.viewers) {
+      if (!viewer->watched() || *viewer->watched() >= laws.size()) continue;
+      Text& law = laws[*viewer->watched()];
+      if (!law) law = shared(to_json(hub.hello.law(*viewer->watched(), joints[*viewer->watched()])));
+      viewer->tell_law(law);
+    }
+  }
+
   /// What the thread of the steps said, to all viewers.
   void pass_on() {
     while (auto message = messages.take()) std::visit([this](const auto& what) { pass_on(what); }, *message);
     rows.drain([this](std::uint64_t number, std::span<const double> row) {
       for (const auto& viewer : hub.viewers) viewer->add_row(number, row);
     });
+    tell_laws();
     for (const auto& viewer : hub.viewers) viewer->send_rows();
   }
   void pass_on(const Status& status) {
     hub.status_text = shared(to_json(status));
+    joints = status.joints;
     for (const auto& viewer : hub.viewers) viewer->tell_status(hub.status_text);
   }
   void pass_on(const Event& event) {
@@ -164,6 +179,8 @@ struct Server::Impl {
   tcp::acceptor acceptor{io};
   asio::steady_timer timer{io}, pause{io};
   std::thread thread;
+  std::vector<drive::Workspace> joints;  // as of the last status
+  Clock::time_point laws_due;
   std::optional<Clock::time_point> end_at;
   bool farewell_said = false;
 };

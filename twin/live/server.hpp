@@ -22,6 +22,8 @@ struct ServerOptions {
 
 /// Between two statuses.
 inline constexpr std::chrono::milliseconds status_period{200};
+/// Between two laws.
+inline constexpr std::chrono::milliseconds law_period{1000};
 
 /// The page and the data of a live bench, served by a thread of its own:
 ///

@@ -11,19 +11,24 @@ namespace tribotwin::twin::live {
 /// Joints and columns: time_s, then the channels of telemetry.h5, joint by joint.
 Hello hello_of(const Scenario& scenario, std::string program, std::string version);
 
+/// The states of its joints, for their laws.
+std::vector<drive::Workspace> joints_of(const Twin& twin);
+
 /// What telemetry.h5 has of the step that began at `time_s`. For the thread of the steps.
 void push_row(Server& server, const Twin& twin, double time_s);
 
 /// Tells a server what happens to a twin. For the thread of its steps.
 class TwinFeed {
  public:
-  explicit TwinFeed(Server& server) : server_(server) {}
+  /// `recording`: the run writes telemetry.
+  TwinFeed(Server& server, bool recording) : server_(server), recording_(recording) {}
   /// A row as telemetry.h5 has it, of the step that began at `time_s`; now and then the status.
   void sample(const Twin& twin, double time_s);
 
  private:
   using Clock = std::chrono::steady_clock;
   Server& server_;
+  const bool recording_;
   const Clock::time_point started_ = Clock::now();
   Clock::time_point status_due_ = started_;
 };

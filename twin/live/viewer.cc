@@ -74,6 +74,10 @@ bool Viewer::too_fast() {
 
 void Viewer::obey(const std::string& text) {
   Asking asking = read_message(text, hub_.hello, hub_.options.readonly);
+  if (asking.watched) {
+    watched_ = asking.watched;
+    return;
+  }
   if (asking.command) {
     asking.command->viewer = number_;
     if (hub_.commands.push(std::move(*asking.command))) return;
@@ -124,8 +128,8 @@ void Viewer::send() {
     texts_.pop_front();
     return write(true);
   }
-  if (status_) {
-    sent_ = std::exchange(status_, nullptr);
+  if (Text& next = status_ ? status_ : law_) {
+    sent_ = std::exchange(next, nullptr);
     return write(true);
   }
   if (!rows_due_ || row_count_ == 0) return;

@@ -26,11 +26,15 @@ class Viewer : public std::enable_shared_from_this<Viewer> {
   void tell(Text text);
   /// Takes the place of a status that was not sent yet.
   void tell_status(Text text) { status_ = std::move(text), send(); }
+  /// The joint whose law it wants to see.
+  const std::optional<std::size_t>& watched() const { return watched_; }
+  /// Takes the place of a law that was not sent yet.
+  void tell_law(Text text) { law_ = std::move(text), send(); }
   void add_row(std::uint64_t number, std::span<const double> row);
   /// The rows that wait may be sent: the rate of batches is that of these calls.
   void send_rows();
   /// Nothing waits for it.
-  bool idle() const { return !writing_ && texts_.empty() && !status_ && row_count_ == 0; }
+  bool idle() const { return !writing_ && texts_.empty() && !status_ && !law_ && row_count_ == 0; }
   void close(CloseCode code, const char* reason);
 
  private:
@@ -50,7 +54,8 @@ class Viewer : public std::enable_shared_from_this<Viewer> {
   Request request_;
   boost::beast::flat_buffer heard_;
   std::deque<Text> texts_;
-  Text status_, sent_;
+  Text status_, law_, sent_;
+  std::optional<std::size_t> watched_;
   std::vector<double> rows_;
   std::uint64_t first_row_ = 0;
   std::size_t row_count_ = 0;

@@ -151,6 +151,9 @@ TEST(Server, RefusesMessagesThatAreNoCommand) {
                                                         {"[]", "no JSON object"},
                                                         {"{", "no JSON object"},
                                                         {R"({"type":"x"})", "type must be"},
+                                                        {R"({"type":"watch"})", "one of: joint1, joint2"},
+                                                        {R"({"type":"watch","joint":7})", "one of: joint1, joint2"},
+                                                        {R"({"type":"watch","joint":"joint1"})", "tells no laws"},
                                                         {R"({"type":"command","do":"pause"})", "id must be"},
                                                         {R"({"type":"command","id":{},"do":"pause"})", "id must be"},
                                                         {R"({"type":"command","id":1,"do":"fly"})", "one of: pause"},
@@ -160,6 +163,32 @@ TEST(Server, RefusesMessagesThatAreNoCommand) {
     EXPECT_THAT(client.hear_text("done"), HasSubstr(why)) << text;
   }
   EXPECT_FALSE(server->take());
+}
+
+TEST(Server, TellsTheLawOfTheJointThatAViewerWatches) {
+  ServerOptions options = here();
+  options.readonly = true;
+  Hello hello = some_hello();
+  hello.law = [](std::size_t joint, const drive::Workspace& state) {
+    return Law{joint ? "joint2" : "joint1", state.temperature_degC, 0.5, {-1, 1}, {2, 3}};
+  };
+  const auto server = Server::start(options, hello).value();
+  Client first(port_of(*server)), second(port_of(*server));
+  ASSERT_TRUE(first.watch() && second.watch());
+  first.say(R"({"type":"watch","joint":"joint1"})");
+  second.say(R"({"type":"watch","joint":"joint2"})");
+  std::this_thread::sleep_for(200ms);
+  Status status;
+  status.joints.resize(2);
+  status.joints[1].temperature_degC = 40;
+  server->tell(status);
+  EXPECT_THAT(first.hear_text("law"), HasSubstr(R"("joint":"joint1","temperature_degC":0.0)"));
+  EXPECT_EQ(second.hear_text("law"), R"({"type":"law","joint":"joint2","temperature_degC":40.0,"load_norm":0.5,)"
+                                     R"("speed_rad_s":[-1.0,1.0],"friction_nm":[2.0,3.0]})");
+  first.say(R"({"type":"watch","joint":"joint2"})");
+  std::string law;
+  for (int i = 0; i < 10 && law.find("joint2") == law.npos; ++i) law = first.hear_text("law");  // the next or so
+  EXPECT_THAT(law, HasSubstr("joint2"));
 }
 
 TEST(Server, ObeysNobodyWhenReadOnly) {

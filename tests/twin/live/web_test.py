@@ -22,8 +22,14 @@ def web_address(log):
     raise RuntimeError(f"no line 'web:' in {open(log).read()!r}")
 
 
-def messages(host, port):
-    """(opcode, content) of all that a viewer gets, to the end."""
+def masked(text):
+    """A text message as a browser sends it, with a mask of zeros."""
+    size = struct.pack(">B", 0x80 | len(text)) if len(text) < 126 else struct.pack(">BH", 0xFE, len(text))
+    return b"\x81" + size + bytes(4) + text.encode()
+
+
+def messages(host, port, *say):
+    """(opcode, content) of all that a viewer gets, to the end; it says `say` at once."""
     with socket.create_connection((host, port), PATIENCE_S) as connection:
         key = base64.b64encode(bytes(16)).decode()
         connection.sendall(
@@ -36,6 +42,8 @@ def messages(host, port):
         assert b" 101 " in status, status
         while stream.readline() != b"\r\n":
             pass
+        for message in say:
+            connection.sendall(masked(json.dumps(message)))
         while head := stream.read(2):
             size = head[1]
             if size > 125:
@@ -45,10 +53,10 @@ def messages(host, port):
                 return
 
 
-def watch(host, port):
+def watch(host, port, *say):
     """Texts by type, the rows with their numbers, and the code of the end."""
     texts, numbers, rows, end = {}, [], [], None
-    for opcode, content in messages(host, port):
+    for opcode, content in messages(host, port, *say):
         if opcode == 1:
             message = json.loads(content)
             texts.setdefault(message["type"], []).append(message)
@@ -78,11 +86,30 @@ def compare(name, folder, hello, numbers, rows):
     check(f"{name}: joints", joints == [f"joint{i}" for i in range(1, 7)], joints)
 
 
+def compare_law(name, texts):
+    """With `tribotwin curve` at the same temperature, load and speeds."""
+    laws = texts.get("law", [])
+    check(f"{name}: a law a second", 2 <= len(laws) <= 6, len(laws))
+    law = laws[-1]
+    top = law["speed_rad_s"][-1]
+    gear = texts["hello"][0]["joints"][1]["gear_ratio"]
+    check(f"{name}: the law is that of joint2", (law["joint"], len(law["speed_rad_s"])) == ("joint2", 81), law)
+    check(f"{name}: up to the top speed of the motor", top > gear > 1, (top, gear))
+    curve = run(
+        tribotwin, "curve", os.path.join(source, "mjcf", "irb6620.xml"), "--joint", "joint2", "--json", "--quiet",
+        "--temperature", repr(law["temperature_degC"]), f"--load={law['load_norm']!r}", f"--speeds={-top!r}:{top!r}:81",
+    )  # fmt: skip
+    points = json.loads(curve.stdout)["points"]
+    for key in ("speed_rad_s", "friction_nm"):
+        expected = [abs(p[key]) if key == "friction_nm" else p[key] for p in points]
+        check(f"{name}: {key} of the law is that of 'tribotwin curve'", law[key] == expected, (law[key], expected))
+
+
 def follow(name, folder, *command):
     with open(path(folder + ".log"), "w") as log:
         process = subprocess.Popen([*command, "-o", folder, "--web", "127.0.0.1:0"], cwd=work, stderr=log)
         try:
-            texts, numbers, rows, end = watch(*web_address(path(folder + ".log")))
+            texts, numbers, rows, end = watch(*web_address(path(folder + ".log")), {"type": "watch", "joint": "joint2"})
             code = process.wait(PATIENCE_S)
         finally:
             process.kill()
@@ -90,6 +117,7 @@ def follow(name, folder, *command):
     check(f"{name}: ends well", code == 0, said)
     check(f"{name}: says good bye", end == 1001, end)
     compare(name, folder, texts["hello"][0], numbers, rows)
+    compare_law(name, texts)
     return texts
 
 
@@ -100,6 +128,7 @@ def test_run():
     )  # fmt: skip
     check("run: hello", texts["hello"][0]["program"] == "run" and texts["hello"][0]["step_s"] == 0.001, texts["hello"])
     statuses = texts["status"]
+    check("run: it records", all(s["recording"] for s in texts["status"]), texts["status"][-1])
     check("run: statuses", 5 < len(statuses) < 40 and statuses[-1]["drives"] is None, len(statuses))
 
 
