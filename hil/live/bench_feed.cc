@@ -97,6 +97,7 @@ void BenchFeed::status(const SessionStatus& session) {
   status.joints = twin::live::joints_of(session.bench->plant().twin());
   time_s_ = session.simulated_s;
   tell_errors(status);
+  twin::live::obey(server_, time_s_);
   server_.tell(std::move(status));
 }
 

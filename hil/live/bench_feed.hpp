@@ -15,7 +15,8 @@ class BenchFeed {
   /// `recording`: the session has a record or telemetry.
   BenchFeed(twin::live::Server& server, bool recording) : server_(server), recording_(recording) {}
   void sample(const twin::Twin& twin, double time_s) { twin::live::push_row(server_, twin, time_s); }
-  /// The status, and an event for each drive whose error code changed since the last one.
+  /// The status, and an event for each drive whose error code changed since the last one; then commands are
+  /// obeyed.
   void status(const SessionStatus& session);
   void note(const std::string& text);
 

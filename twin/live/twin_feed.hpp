@@ -11,6 +11,9 @@ namespace tribotwin::twin::live {
 /// Joints and columns: time_s, then the channels of telemetry.h5, joint by joint.
 Hello hello_of(const Scenario& scenario, std::string program, std::string version);
 
+/// Obeys the commands of the pages that wait: `marker`. For the thread of the steps, at simulated time `time_s`.
+void obey(Server& server, double time_s);
+
 /// The states of its joints, for their laws.
 std::vector<drive::Workspace> joints_of(const Twin& twin);
 
@@ -22,7 +25,8 @@ class TwinFeed {
  public:
   /// `recording`: the run writes telemetry.
   TwinFeed(Server& server, bool recording) : server_(server), recording_(recording) {}
-  /// A row as telemetry.h5 has it, of the step that began at `time_s`; now and then the status.
+  /// A row as telemetry.h5 has it, of the step that began at `time_s`; now and then the status; then commands are
+  /// obeyed.
   void sample(const Twin& twin, double time_s);
 
  private:

@@ -10,6 +10,13 @@ from harness import check, check_refused, finish, path, run, work
 tribotwin, hil, source = sys.argv[1:]
 scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
 PATIENCE_S = 60
+SAY = (
+    {"type": "watch", "joint": "joint2"},
+    {"type": "command", "id": 1, "do": "marker", "text": "the load is on"},
+    {"type": "command", "id": 2, "do": "marker", "text": "x" * 201},
+    {"type": "command", "id": 3, "do": "marker", "text": 5},
+    {"type": "command", "id": 4, "do": "pause"},
+)
 
 
 def web_address(log):
@@ -86,6 +93,19 @@ def compare(name, folder, hello, numbers, rows):
     check(f"{name}: joints", joints == [f"joint{i}" for i in range(1, 7)], joints)
 
 
+def check_commands(name, texts):
+    check(f"{name}: commands", texts["hello"][0]["commands"] == ["marker"], texts["hello"][0])
+    done = {d["id"]: d for d in texts.get("done", [])}
+    said = [done[i]["message"] for i in sorted(done)]
+    check(f"{name}: every command is answered", [done[i]["ok"] for i in sorted(done)] == [True] + [False] * 3, done)
+    check(f"{name}: a marker is not in a record", said[0].endswith("shown only, no record has it"), said)
+    check(f"{name}: a marker that is none", said[1] == said[2] == "marker: text must be 1 to 200 bytes", said)
+    check(f"{name}: no other command", said[3] == "do must be one of: marker", said)
+    markers = [e for e in texts.get("event", []) if e["kind"] == "marker"]
+    check(f"{name}: the marker is shown", [m["text"] for m in markers] == ["the load is on"], markers)
+    check(f"{name}: with the time of its answer", f"at {markers[0]['time_s']:.3f} s" in said[0], (markers, said))
+
+
 def compare_law(name, texts):
     """With `tribotwin curve` at the same temperature, load and speeds."""
     laws = texts.get("law", [])
@@ -109,7 +129,7 @@ def follow(name, folder, *command):
     with open(path(folder + ".log"), "w") as log:
         process = subprocess.Popen([*command, "-o", folder, "--web", "127.0.0.1:0"], cwd=work, stderr=log)
         try:
-            texts, numbers, rows, end = watch(*web_address(path(folder + ".log")), {"type": "watch", "joint": "joint2"})
+            texts, numbers, rows, end = watch(*web_address(path(folder + ".log")), *SAY)
             code = process.wait(PATIENCE_S)
         finally:
             process.kill()
@@ -118,6 +138,7 @@ def follow(name, folder, *command):
     check(f"{name}: says good bye", end == 1001, end)
     compare(name, folder, texts["hello"][0], numbers, rows)
     compare_law(name, texts)
+    check_commands(name, texts)
     return texts
 
 
