@@ -32,9 +32,8 @@ def status(**changes):
     answers = {"median": 84.5, "p99": 121.75, "max": 240.0, "histogram": [[50, 0], [100, 900], [200, 95], [None, 5]]}
     bus = {"name": "can0", "load": 0.6123456, "bit_rate": 1000000, "frames_in": 700, "frames_out": 1300, "syncs": 100}
     bus.update(lost=0, foreign=2, sync_period_us=times, sync_to_tpdo_us=answers)
-    return {"type": "status", "simulated_s": 12.5, "wall_s": 12.75, "paused": False, "recording": False,
-            "lost_frames": 0,
-            "drives": drives, "buses": [bus], **changes}  # fmt: skip
+    said = {"type": "status", "simulated_s": 12.5, "wall_s": 12.75, "paused": False, "recording": False}
+    return {**said, "lost_frames": 0, "drives": drives, "buses": [bus], **changes}
 
 
 VALUES = """(root) => Object.fromEntries([...document.querySelectorAll(root + ' data')]
@@ -78,9 +77,8 @@ def check_first_sight(tab):
     wrong = tab.value("document.querySelector('#wrong_list').innerText")
     check("what is wrong stands on top, in words", wrong == "joint3 error 8611h: following error", wrong)
     warmest = tab.value("document.querySelector('#warmest_text').innerText")
-    expected = "joint5 113.4 °C warm: 6.6 K below 120.0 °C, reached in 6 min"
-    check("so does the warmest joint", warmest.startswith(expected),
-          warmest)  # fmt: skip
+    want = "joint5 113.4 °C warm: 6.6 K below 120.0 °C, reached in 6 min"
+    check("so does the warmest joint", warmest.startswith(want), warmest)
     marked = tab.value("['wrong', 'warmest'].map(k => [...document.querySelectorAll('.tile.' + k)].map(t => t.id))")
     check("one tile is wrong, one is warmest", marked == [["drive_joint3"], ["drive_joint5"]], marked)
     tile = tab.value("document.querySelector('#drive_joint3').innerText")
