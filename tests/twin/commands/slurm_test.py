@@ -33,7 +33,7 @@ def bytes_of(folder):
 write("pendulum.xml", PENDULUM)
 write(
     "scenario.yaml",
-    "model: pendulum.xml\nduration_s: 30\n"
+    "model: pendulum.xml\nduration_s: 75\n"
     "motion: {type: cycle, waypoints: [{position_rad: -0.5}, {position_rad: 0.6}], speed_rad_s: 2}\n",
 )
 PLAN = f"""scenario: scenario.yaml
