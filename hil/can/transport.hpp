@@ -31,6 +31,9 @@ struct BusCounters {
   std::uint64_t bus_off = 0;
   std::uint64_t link_losses = 0;  ///< times that the link went down or the device vanished
   std::uint64_t malformed = 0;    ///< received, but not a frame
+
+  /// Frames that a bus with room and a link would have carried.
+  std::uint64_t lost() const { return receive_lost + send_busy + send_down; }
 };
 
 enum class Sent { done, busy, down, refused };

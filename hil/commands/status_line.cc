@@ -56,7 +56,7 @@ std::vector<Part> parts_of(const SessionStatus& s) {
   for (std::size_t i = 0; i < s.buses.size(); ++i) {
     const auto& [transport, bits_per_s, bit_rate] = s.buses[i];
     const BusCounters& bus = transport->counters();
-    lost += bus.receive_lost + bus.send_busy + bus.send_down;
+    lost += bus.lost();
     loads.push_back(bit_rate ? fmt::format("{:.0f} %", 100 * bits_per_s / *bit_rate)
                              : fmt::format("{:.0f} kbit/s", 1e-3 * bits_per_s));
     syncs.push_back(fmt::format("{}", s.bench->counters(i).syncs));

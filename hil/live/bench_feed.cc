@@ -68,10 +68,6 @@ DriveStatus status_of(const Bench& bench, std::size_t i) {
   return status;
 }
 
-std::uint64_t lost(const BusCounters& counters) {
-  return counters.receive_lost + counters.send_busy + counters.send_down;
-}
-
 BusStatus status_of(const SessionStatus& session, std::size_t i) {
   const SessionStatus::Bus& bus = session.buses[i];
   const BenchCounters& counted = session.bench->counters(i);
@@ -81,7 +77,7 @@ BusStatus status_of(const SessionStatus& session, std::size_t i) {
           .frames_in = counted.frames_in,
           .frames_out = counted.frames_out,
           .syncs = counted.syncs,
-          .lost = lost(bus.transport->counters())};
+          .lost = bus.transport->counters().lost()};
 }
 
 }  // namespace

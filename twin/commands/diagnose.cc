@@ -3,13 +3,13 @@
 #include <memory>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/diagnosis/healthy_file.hpp>
 #include <tribotwin/twin/diagnosis/learn.hpp>
 #include <tribotwin/twin/diagnosis/sequence.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -29,11 +29,6 @@ struct Arguments {
   double false_alarm = once_a_year;
   bool json = false, quiet = false;
 };
-
-template <class T>
-Json or_null(const std::optional<T>& x) {
-  return x ? Json(*x) : Json(nullptr);
-}
 
 std::vector<ObservationFile> read(const std::vector<std::string>& files, const ObservationOptions& options,
                                   bool quiet) {

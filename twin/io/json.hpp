@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include <nlohmann/json.hpp>
@@ -9,5 +10,11 @@ namespace tribotwin::twin {
 /// is_discarded() where the text is not well formed. A function because nlohmann's parser takes 2 s of compilation in
 /// every source that instantiates it.
 nlohmann::json parse_json(const std::string& text);
+
+/// null where there is no value.
+template <class T>
+nlohmann::ordered_json or_null(const std::optional<T>& value) {
+  return value ? nlohmann::ordered_json(*value) : nlohmann::ordered_json(nullptr);
+}
 
 }  // namespace tribotwin::twin

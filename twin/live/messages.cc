@@ -9,11 +9,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-template <class T>
-Json or_null(const std::optional<T>& value) {
-  return value ? Json(*value) : Json(nullptr);
-}
-Json or_null(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
+Json text_or_null(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
 
 /// Names come from files and may be no UTF-8.
 std::string text_of(const Json& message) { return message.dump(-1, ' ', false, Json::error_handler_t::replace); }
@@ -22,11 +18,11 @@ Json drive_json(const DriveStatus& drive) {
   return {{"joint", drive.joint},
           {"bus", drive.bus},
           {"node", drive.node},
-          {"nmt", or_null(drive.nmt)},
-          {"state", or_null(drive.state)},
-          {"mode", or_null(drive.mode)},
+          {"nmt", text_or_null(drive.nmt)},
+          {"state", text_or_null(drive.state)},
+          {"mode", text_or_null(drive.mode)},
           {"error_code", drive.error_code},
-          {"error_text", or_null(drive.error_text)},
+          {"error_text", text_or_null(drive.error_text)},
           {"brake", or_null(drive.brake)}};
 }
 
@@ -62,7 +58,7 @@ std::string to_json(const Hello& hello, const std::string& session, bool readonl
                       {"limit_degC", or_null(joint.limit_degC)},
                       {"gear_ratio", joint.gear_ratio}});
   for (const Column& column : hello.columns)
-    columns.push_back({{"joint", or_null(column.joint)}, {"name", column.name}, {"unit", column.unit}});
+    columns.push_back({{"joint", text_or_null(column.joint)}, {"name", column.name}, {"unit", column.unit}});
   return text_of({{"type", "hello"},
                   {"version", hello.version},
                   {"program", hello.program},
@@ -94,7 +90,7 @@ std::string to_json(const Event& event) {
   return text_of({{"type", "event"},
                   {"time_s", event.time_s},
                   {"kind", event.kind},
-                  {"joint", or_null(event.joint)},
+                  {"joint", text_or_null(event.joint)},
                   {"text", event.text}});
 }
 
