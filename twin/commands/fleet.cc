@@ -95,24 +95,18 @@ Result<Exit> learn(const Arguments& a) {
   return deliver(a.json ? j.dump(2) + "\n" : table.text());
 }
 
-/// False discoveries relative to the rate, as many as synthetic plants of fitted curves had at 5 %, 2 sigma above their
-/// mean (README of the fleet, Measured): errors of fits have heavier tails than the model's.
-constexpr double measured_excess = 3.2;
-
 /// What is sure, of how many, at which rate.
 std::string sentence_of(const Survey& s, const SurveyOptions& o, bool check) {
   const std::string what = check ? fmt::format("the {:g} days to {}", o.days, date_of(s.time_s))
                                  : fmt::format("all days to {}", date_of(s.time_s));
-  const auto listed = static_cast<double>(s.listed.size());
   std::string text =
       s.listed.empty()
           ? fmt::format("None of {} joints is listed over {}, at a false-discovery rate of {:g} %.", s.judged, what,
                         100 * o.rate)
           : fmt::format(
                 "{} of {} joints are not as learned over {}, at a false-discovery rate of {:g} %: of such a "
-                "list, {:.2g} joints or fewer are healthy on average as far as the model holds; up to {:.2g} in tests.",
-                s.listed.size(), s.judged, what, 100 * o.rate, o.rate * listed,
-                std::min(listed, measured_excess * o.rate * listed));
+                "list, {}.",
+                s.listed.size(), s.judged, what, 100 * o.rate, healthy_among(s.listed.size(), o.rate));
   if (s.without_model)
     text += fmt::format(" {} joints have no verdict: no healthy curves of their type were learned.", s.without_model);
   if (s.without_temperature)

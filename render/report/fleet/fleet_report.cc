@@ -94,11 +94,9 @@ class Writer {
       if (l.since_s) text += ", since " + date_of(*l.since_s);
     }
     text += fmt::format(". False-discovery rate {}", percent_of(rate()));
-    if (!d_.listed.empty()) {
-      const double false_ones = rate() * static_cast<double>(o_.check.listed.size() + o_.watch.listed.size());
-      text += fmt::format(" of each list (check {}, watch {}): {:.2g} joints or fewer of them are healthy on average",
-                          o_.check.listed.size(), o_.watch.listed.size(), false_ones);
-    }
+    if (const std::size_t check = o_.check.listed.size(), watch = o_.watch.listed.size(); check + watch > 0)
+      text += fmt::format(" of each list (check {}, watch {}): of them {}", check, watch,
+                          healthy_among(check + watch, rate()));
     text += ".";
     if (const auto n = without_verdict())
       text += fmt::format(" {} {} no verdict.", joints_text(n), n == 1 ? "has" : "have");
@@ -171,8 +169,8 @@ class Writer {
         to, "p",
         fmt::format(
             "check judges the mean of the last {:g} days, watch small lasting changes since learning (CUSUM). Each "
-            "list "
-            "by itself keeps the false-discovery rate of {}; q is the rate at which a joint would just be listed. "
+            "list by itself is made at the false-discovery rate of {}; q is the rate at which a joint would just be "
+            "listed. "
             "Margin: "
             "what is left to the wear threshold, in equivalent load over the maximum torque; below 0 it is exceeded. "
             "Ranked by severity or the used share of the margin, whichever is larger.",

@@ -58,5 +58,7 @@ Survey check_fleet(Store* store, const SurveyOptions& options);
 /// One CUSUM per joint over all its observations that were not learned from; listed ones by Benjamini and Hochberg over
 /// the probabilities that healthy joints come as far.
 Survey watch_fleet(Store* store, const SurveyOptions& options);
+/// "0.5 joints or fewer are healthy on average ..": how many of a list of so many, made at a false-discovery rate.
+std::string healthy_among(std::size_t listed, double rate);
 
 }  // namespace tribotwin::twin::diagnosis::fleet
