@@ -180,9 +180,10 @@ def check_commands(tab, bench):
         {"do": "wear", "joint": "joint2", "factor": 1.5},
     ]
     want = [{"type": "command", "id": i + 1, **w} for i, w in enumerate(want)]  # fmt: skip
-    check("the answers come", tab.until("document.querySelectorAll('#answers .done').length === 6"))
+    check("the answers come", tab.until("document.querySelectorAll('#answers .done, #answers .bad').length === 7"))
     check("commands are sent as the interface says", bench.messages == want, bench.messages)
     answers = tab.value("[...document.querySelectorAll('#answers li')].map(l => [l.className, l.textContent])")
+    check("six are done", [a[0] for a in answers[1:]] == 6 * ["done"], answers)
     check(
         "a refusal is said", answers[0] == ["bad", "✖ wear, joint joint2, factor 1.5: refused, <b>not now</b>"], answers
     )
