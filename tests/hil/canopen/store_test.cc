@@ -1,5 +1,5 @@
 // Parameters that a drive keeps (CiA 301: 1010h, 1011h), and the file that they are in.
-#include <chrono>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <random>
@@ -195,6 +195,13 @@ TEST_F(Store, TheNodeNumber) {
   EXPECT_EQ(node->id(), 0xFF);
 }
 
+/// Of this thread: what else the machine does counts little.
+double processor_s() {
+  timespec now{};
+  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
 // A store looks at each object of a large EDS once: 64 times the objects take about 64 times as long, not 4,096; caches
 // and a busy machine make it 64 to 250.
 TEST(StoreOfAForeignDrive, TakesTimeInProportionToItsEds) {
@@ -209,9 +216,9 @@ TEST(StoreOfAForeignDrive, TakesTimeInProportionToItsEds) {
     const auto request = classic(0x605, download(0x1010, 1, Type::u32, save));
     double best = 1e9;
     for (int round = 0; round < 5; ++round) {
-      const auto begin = std::chrono::steady_clock::now();
+      const double begin_s = processor_s();
       for (int k = 0; k < 4; ++k) node.receive(request, 0);
-      best = std::min(best, std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+      best = std::min(best, processor_s() - begin_s);
     }
     EXPECT_EQ(bus.back().data[0], 0x60);
     return best;
