@@ -4,9 +4,11 @@
 
 #include <tribotwin/hil/commands/can_options.hpp>
 #include <tribotwin/hil/commands/node_options.hpp>
+#include <tribotwin/hil/live/bench_feed.hpp>
 #include <tribotwin/hil/session/replay.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/live/web_options.hpp>
 
 namespace tribotwin::hil::program {
 namespace {
@@ -19,6 +21,7 @@ struct Arguments : RobotOptions {
   std::string log, output;
   double rate = 1;
   bool fast = false, force = false, json = false;
+  twin::live::WebOptions web;
 
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
@@ -32,6 +35,7 @@ struct Arguments : RobotOptions {
     command.add_flag("--fast", fast, "As fast as possible")->excludes(speed);
     command.add_option("-o,--output", output, "Folder for telemetry.h5, scenario.yaml, summary.json");
     add_force(command, force);
+    web.add_to(command);
     command.add_flag("--json", json, "Print JSON instead of text");
     command.footer(
         "Example:\n  tribotwin-hil drive irb6620_hold --can socketcand://127.0.0.1:29536/can0 --realtime --duration 10 "
@@ -83,6 +87,25 @@ StartConditions conditions(const Arguments& a, const twin::Scenario& scenario, c
   return *recorded;
 }
 
+/// A page shows it at the speed of the replay. The record says what happens: a page may only mark.
+struct Page {
+  std::unique_ptr<twin::live::Server> server;
+  std::optional<BenchFeed> feed;
+
+  Page(const Arguments& a, const twin::Scenario& scenario) {
+    auto hello = twin::live::hello_of(scenario, "replay", TRIBOTWIN_VERSION);
+    hello.commands = {"marker"};
+    server = a.web.start(std::move(hello));
+    if (server) feed.emplace(*server, !a.output.empty());
+  }
+  void show_in(ReplayOptions& options) {
+    if (!feed) return;
+    options.status = [this](const SessionStatus& status) { feed->status(status); };
+    options.sample = [this](const twin::Twin& twin, double time_s) { feed->sample(twin, time_s); };
+    options.note = [this](const std::string& what) { feed->note(what); };
+  }
+};
+
 int run(const Arguments& a) {
   const twin::Scenario scenario = a.load();
   if (!std::filesystem::exists(a.log)) throw twin::InputError(fmt::format("{}: does not exist", a.log));
@@ -95,17 +118,19 @@ int run(const Arguments& a) {
   check_outputs(inputs, files_in(a.output), a.force);
   const auto nodes = node_setups(scenario, a, conditions(a, scenario, wiring), Use::replay, wiring);
   twin::catch_interrupts();
-  const auto result = twin::or_throw(hil::replay(scenario, a.log,
-                                                 {.profile = a.bench_profile(),
-                                                  .first_node = a.first_node,
-                                                  .wiring = wiring,
-                                                  .channels = a.can.buses(),
-                                                  .cycle_us = a.cycle_us(),
-                                                  .nodes = nodes,
-                                                  .rate = a.fast ? 0 : a.rate,
-                                                  .output = a.output,
-                                                  .existing = twin::replace_if(a.force),
-                                                  .stop = stop}));
+  Page page(a, scenario);
+  ReplayOptions options{.profile = a.bench_profile(),
+                        .first_node = a.first_node,
+                        .wiring = wiring,
+                        .channels = a.can.buses(),
+                        .cycle_us = a.cycle_us(),
+                        .nodes = nodes,
+                        .rate = a.fast ? 0 : a.rate,
+                        .output = a.output,
+                        .existing = twin::replace_if(a.force),
+                        .stop = stop};
+  page.show_in(options);
+  const auto result = twin::or_throw(hil::replay(scenario, a.log, options));
   if (a.json)
     twin::print_text(json_of(result));
   else

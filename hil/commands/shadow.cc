@@ -7,10 +7,12 @@
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/can/transport.hpp>
 #include <tribotwin/hil/commands/can_options.hpp>
+#include <tribotwin/hil/commands/shadow_feed.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/hil/shadow/foreign_drives.hpp>
 #include <tribotwin/hil/shadow/shadow.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/live/web_options.hpp>
 
 namespace tribotwin::hil::program {
 namespace {
@@ -24,6 +26,7 @@ struct Arguments : RobotOptions {
   std::vector<std::string> joints;
   bool force = false, json = false, lockstep = false;
   ForeignDrives foreign;
+  twin::live::WebOptions web;
 
   void add_to(CLI::App& command) {
     RobotOptions::add_to(command);
@@ -61,6 +64,7 @@ struct Arguments : RobotOptions {
     command.add_option("-o,--output,--csv", csv,
                        "CSV to write: measured, predicted, residual and temperature of every cycle");
     add_force(command, force);
+    web.add_to(command);
     command.add_flag("--json", json, "Print JSON instead of the table");
     command.footer(
         "Example:\n  tribotwin-hil shadow twin/scenarios/irb6620_hold.yaml --can log:session.log --limit "
@@ -72,10 +76,12 @@ struct Arguments : RobotOptions {
   std::string log() const { return can.starts_with("log:") ? can.substr(4) : ""; }
 };
 
-/// Frames of a live bus, until a signal or the end of `duration_s` by the clock: a bus may fall silent.
-NextFrame frames_of(Transport& bus, std::optional<double> duration_s) {
-  return [&bus, duration_s, heard = false, begin_ns = clock_ns()](Frame& frame) mutable -> Result<bool> {
+/// Frames of a live bus, until a signal or the end of `duration_s` by the clock: a bus may fall silent. `look` is
+/// called ten times a second or more.
+NextFrame frames_of(Transport& bus, std::optional<double> duration_s, std::function<void()> look) {
+  return [&bus, duration_s, look, heard = false, begin_ns = clock_ns()](Frame& frame) mutable -> Result<bool> {
     while (!stop()) {
+      look();
       const std::int64_t now_ns = clock_ns();
       const bool received = bus.receive(frame);
       if (received && !std::exchange(heard, true)) begin_ns = now_ns;
@@ -100,10 +106,14 @@ struct Source {
     else
       bus = twin::or_wrong_input(open_bus(a.can, {.fd = a.fd(), .listen_only = true}));
   }
-  NextFrame frames(std::optional<double> duration_s) {
-    if (bus) return frames_of(*bus, duration_s);
-    return [this](Frame& frame) { return next(frame); };
+  NextFrame frames(std::optional<double> duration_s, std::function<void()> look) {
+    if (bus) return frames_of(*bus, duration_s, look);
+    return [this, look](Frame& frame) {
+      look();
+      return next(frame);
+    };
   }
+  std::uint64_t lost() const { return bus ? bus->counters().lost() : 0; }
   /// Of several buses the channels that the session had; others are left out.
   Result<bool> next(Frame& frame) {
     for (;;) {
@@ -182,6 +192,37 @@ int judge(const Arguments& a, const ShadowResult& result) {
   return code;
 }
 
+/// What looks at the shadow while it listens: the page, if one is asked for.
+struct Page {
+  std::unique_ptr<twin::live::Server> server;
+  std::optional<ShadowFeed> feed;
+
+  Page(const Arguments& a, const twin::Scenario& scenario) {
+    if (!a.web.given()) return;
+    auto hello = shadow_hello(scenario, TRIBOTWIN_VERSION);
+    std::vector<std::string> joints;
+    for (const auto& joint : hello.joints) joints.push_back(joint.name);
+    server = a.web.start(std::move(hello));
+    feed.emplace(*server, ShadowFeed::Options{a.can, !a.csv.empty(), a.limit, a.joints}, std::move(joints));
+  }
+  NextFrame frames(Source& source, std::optional<double> duration_s) {
+    if (!feed) return source.frames(duration_s, [] {});
+    return [this, next = source.frames(duration_s, [this, &source] { feed->look(source.lost()); })](Frame& frame) {
+      auto more = next(frame);
+      if (more && *more) feed->heard(frame);
+      return more;
+    };
+  }
+  std::function<void(const ShadowCycle&)> cycle() {
+    if (!feed) return {};
+    return [this](const ShadowCycle& cycle) { feed->cycle(cycle); };
+  }
+  void note(const std::string& what) {
+    report_nonblocking(what + "\n");
+    if (feed) feed->note(what);
+  }
+};
+
 int run(const Arguments& a) {
   const twin::Scenario scenario = a.load();
   auto inputs = files_of(scenario);
@@ -196,27 +237,29 @@ int run(const Arguments& a) {
   auto listeners =
       twin::or_wrong_input(foreign_listeners(foreign, drive_parameters(scenario, a.first_node, a.cycle_us(), wiring)));
   twin::catch_interrupts();
+  Page page(a, scenario);
   Source source(a, wiring);
   note_session(a, scenario);
-  const auto result =
-      twin::or_throw(hil::shadow(scenario, source.frames(a.duration),
-                                 {.profile = a.bench_profile(),
-                                  .first_node = a.first_node,
-                                  .wiring = wiring,
-                                  .bus = [&] { return source.channel; },
-                                  .cycle_us = a.cycle_us(),
-                                  .cycle_expected = a.cycle_option->count() > 0,
-                                  .lockstep = a.lockstep,
-                                  .listeners = [&] { return std::move(listeners); },
-                                  .limit_nm = a.limit,
-                                  .limit_time_s = a.limit_time,
-                                  .limit_joints = a.joints,
-                                  .duration_s = a.duration,
-                                  .csv = a.csv,
-                                  .existing = twin::replace_if(a.force),
-                                  .stop = stop,
-                                  .endless = source.bus && !a.duration,
-                                  .note = [&](const std::string& what) { report_nonblocking(what + "\n"); }}));
+  const auto result = twin::or_throw(hil::shadow(scenario, page.frames(source, a.duration),
+                                                 {.profile = a.bench_profile(),
+                                                  .first_node = a.first_node,
+                                                  .wiring = wiring,
+                                                  .bus = [&] { return source.channel; },
+                                                  .cycle_us = a.cycle_us(),
+                                                  .cycle_expected = a.cycle_option->count() > 0,
+                                                  .lockstep = a.lockstep,
+                                                  .listeners = [&] { return std::move(listeners); },
+                                                  .limit_nm = a.limit,
+                                                  .limit_time_s = a.limit_time,
+                                                  .limit_joints = a.joints,
+                                                  .duration_s = a.duration,
+                                                  .csv = a.csv,
+                                                  .existing = twin::replace_if(a.force),
+                                                  .stop = stop,
+                                                  .endless = source.bus && !a.duration,
+                                                  .note = [&](const std::string& what) { page.note(what); },
+                                                  .cycle = page.cycle()}));
+  if (page.feed) page.feed->tell(source.lost());
   twin::print_text(a.json ? json_of(result) : result.table());
   if (source.log && a.duration && !result.interrupted && result.heard_s < *a.duration)
     twin::note("{}: ends after {:.3f} s, before the {} s of --duration", a.log(), result.heard_s, *a.duration);

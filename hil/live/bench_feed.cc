@@ -71,13 +71,13 @@ DriveStatus status_of(const Bench& bench, std::size_t i) {
 BusStatus status_of(const SessionStatus& session, std::size_t i) {
   const SessionStatus::Bus& bus = session.buses[i];
   const BenchCounters& counted = session.bench->counters(i);
-  return {.name = bus.transport->name(),
+  return {.name = bus.transport ? bus.transport->name() : channel_of(i),
           .load = bus.bit_rate ? std::optional(bus.bits_per_s / *bus.bit_rate) : std::nullopt,
           .bit_rate = bus.bit_rate,
           .frames_in = counted.frames_in,
           .frames_out = counted.frames_out,
           .syncs = counted.syncs,
-          .lost = bus.transport->counters().lost()};
+          .lost = bus.transport ? bus.transport->counters().lost() : 0};
 }
 
 }  // namespace

@@ -19,7 +19,7 @@ namespace tribotwin::hil {
 /// State of a session for its status line.
 struct SessionStatus {
   struct Bus {
-    const Transport* transport;
+    const Transport* transport;      ///< nullptr in a replay
     double bits_per_s;               ///< since the last one
     std::optional<double> bit_rate;  ///< [bit/s] of a bus that has one
   };

@@ -21,10 +21,10 @@ using Status = Result<void>;
 
 constexpr std::int64_t s_ns = 1'000'000'000;
 
-/// Sleeps until CLOCK_MONOTONIC `at_ns`, or until `stop`.
+/// Sleeps until CLOCK_MONOTONIC `at_ns`, or until `stop`, which is asked ten times a second.
 void sleep_until(std::int64_t at_ns, const std::function<bool()>& stop) {
   constexpr std::int64_t ask_stop_ns = s_ns / 10;
-  for (std::int64_t now = clock_ns(); now < at_ns && !(stop && stop()); now = clock_ns()) {
+  for (std::int64_t now = clock_ns(); now < at_ns && !stop(); now = clock_ns()) {
     const std::int64_t wake_ns = std::min(at_ns, now + ask_stop_ns);
     const timespec until{wake_ns / s_ns, wake_ns % s_ns};
     clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr);
@@ -137,6 +137,7 @@ class Replay {
     if (auto ok = read(moments); !ok) return ok;
     if (!frames_left_) return {};
     first_ns_ = session_ ? session_->head().start_ns : moment_.time_ns;
+    bench_.plant().watch(o_.sample);
     bench_.start(first_ns_);
     if (session_) {
       // What drives say at the start is in the log; those without a node number say nothing.
@@ -177,6 +178,7 @@ class Replay {
                    turn ? turn_ : Turn{});
           !ok)
         return ok;
+      report();
       if (frames)
         if (auto ok = read(moments); !ok) return ok;
       if (turn)
@@ -191,11 +193,23 @@ class Replay {
   bool killed() const { return session_ && !session_->complete(); }
 
   /// Absolute deadlines: nothing drifts.
-  void wait_for(std::int64_t time_ns) const {
+  void wait_for(std::int64_t time_ns) {
     constexpr double longest_ns = 1e18;
     if (o_.rate <= 0) return;
     const double after_ns = std::min(static_cast<double>(time_ns - first_ns_) / o_.rate, longest_ns);
-    sleep_until(began_ns_ + static_cast<std::int64_t>(after_ns), o_.stop);
+    sleep_until(began_ns_ + static_cast<std::int64_t>(after_ns), [this] {
+      report();
+      return stopped();
+    });
+  }
+
+  /// By the wall clock. A log does not say what its buses could carry.
+  void report() {
+    const std::int64_t now_ns = clock_ns();
+    if (!o_.status || now_ns - reported_ns_ < s_ns / 5) return;
+    reported_ns_ = now_ns;
+    o_.status({bench_.plant().twin().time_s(), 1e-9 * static_cast<double>(now_ns - began_ns_), 0, &bench_,
+               std::vector<SessionStatus::Bus>(bench_.buses(), SessionStatus::Bus{nullptr, 0, std::nullopt})});
   }
 
   /// One turn as the session had it (drive.cc). The frames of the drives are compared at its end: some of them the
@@ -279,6 +293,7 @@ class Replay {
     if (session_ && session_->head().complete &&
         session_->head().scenario != scenario_checksum(bench_.plant().scenario()))
       result_.first_difference += "; the session had another scenario, --set, or folder of the model";
+    if (o_.note) o_.note(result_.first_difference);
   }
 
   const std::filesystem::path& file_;
@@ -297,7 +312,7 @@ class Replay {
   std::vector<ExpectedFrames> said_ = std::vector<ExpectedFrames>(bus_count(o_.wiring));  // by the drives, per bus
   Bench bench_;
   std::vector<std::uint64_t> compared_;  // per drive
-  std::int64_t first_ns_ = 0, ticked_ns_ = -1;
+  std::int64_t first_ns_ = 0, ticked_ns_ = -1, reported_ns_ = 0;
   const std::int64_t began_ns_ = clock_ns();
   ReplayResult result_;
 };

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <tribotwin/hil/session/bench.hpp>
+#include <tribotwin/hil/session/drive.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
@@ -36,6 +37,11 @@ struct ReplayOptions {
   std::filesystem::path output;
   twin::Existing existing = twin::Existing::refuse;  ///< what happens to an older record in it
   std::function<bool()> stop;
+  std::function<void(const SessionStatus&)>
+      status;  ///< five times a second, also while a pause of the log is waited for
+  /// What telemetry.h5 would hold, see DriveOptions.
+  std::function<void(const twin::Twin&, double time_s)> sample;
+  std::function<void(const std::string&)> note;  ///< the first difference, when it is found
 };
 /// Runs a recorded session through the same code and compares the frames of the drives with the recorded ones. With the
 /// session file beside the log every session repeats; without it the log is taken for one in lockstep without injected

@@ -56,6 +56,7 @@ struct Cycle {
   struct Part {
     double measured_nm = 0, rigid_nm = 0, temperature_degC = 0;  // measured: NaN if missing
     bool enabled = false;
+    double position_rad = 0, velocity_rad_s = 0;
   };
   std::vector<Part> joints;
 };
@@ -253,7 +254,9 @@ class Shadow {
       cycle.joints.push_back({.measured_nm = torque ? local_mean(j.torque.samples(), time_s, half_s_) : std::nan(""),
                               .rigid_nm = expectation_.rigid_nm(i),
                               .temperature_degC = expectation_.temperature_degC(i),
-                              .enabled = j.enabled.value_or(false) && time_s - j.not_enabled_s > settling_s()});
+                              .enabled = j.enabled.value_or(false) && time_s - j.not_enabled_s > settling_s(),
+                              .position_rad = motions_[i].position,
+                              .velocity_rad_s = motions_[i].speed});
     }
     waiting_.push_back(std::move(cycle));
   }
@@ -261,9 +264,13 @@ class Shadow {
   void compare(const Cycle& cycle) {
     result_.seconds = cycle.time_s;
     row_ = fmt::format("{:.6f}", cycle.time_s);
+    shown_ = {.time_s = cycle.time_s, .joints = {}};
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       Joint& j = joints_[i];
       note_silence(i, cycle.time_s);
+      const double unknown = std::nan("");
+      shown_.joints.push_back({cycle.joints[i].position_rad, cycle.joints[i].velocity_rad_s, unknown, unknown, unknown,
+                               unknown, result_.joints[i].exceeded});
       // Before a gap in the positions there are fewer cycles in the window: the friction there is not known as well.
       const bool known = covered(j.friction_low, cycle.time_s);
       if (known)
@@ -272,6 +279,7 @@ class Shadow {
       else
         row_ += ",nan,nan,nan,nan";
     }
+    if (o_.cycle) o_.cycle(shown_);
     write_row();
   }
 
@@ -282,6 +290,9 @@ class Shadow {
     const double expected = std::isnan(seen) ? (low + high) / 2 : std::clamp(seen, low, std::max(low, high));
     const double residual = part.enabled ? seen - expected : std::nan("");
     row_ += fmt::format(",{:.6g},{:.6g},{:.6g},{:.3f}", seen, expected, residual, j.temperature_degC);
+    ShadowCycle::Part& shown = shown_.joints[i];
+    shown.measured_nm = seen, shown.predicted_nm = expected, shown.residual_nm = residual;
+    shown.temperature_degC = j.temperature_degC;
     if (!part.enabled)
       ++j.not_enabled;
     else if (std::isnan(seen))
@@ -294,6 +305,7 @@ class Shadow {
     if (gap) joint.lag.restart();
     joint.lag.add(expected, seen);
     if (limited(i)) watch(i, time_s, residual, gap ? 0 : since_s);
+    shown.exceeded = j.exceeded;
     joint.judged_s = time_s;
   }
 
@@ -451,6 +463,7 @@ class Shadow {
   std::int64_t first_ns_ = -1;
   std::optional<RecordFile> csv_;
   std::string row_;
+  ShadowCycle shown_;
   ShadowResult result_;
 };
 

@@ -14,6 +14,16 @@
 /// Listens to the positions and torques of a real robot and predicts its torque and temperature.
 namespace tribotwin::hil {
 
+/// What was measured and predicted at one time; NaN: not known, or not judged.
+struct ShadowCycle {
+  double time_s = 0;
+  struct Part {
+    double position_rad, velocity_rad_s, measured_nm, predicted_nm, residual_nm, temperature_degC;
+    bool exceeded;  ///< up to now
+  };
+  std::vector<Part> joints;
+};
+
 struct ShadowOptions {
   Profile profile = Profile::cia402;
   int first_node = 1;
@@ -33,6 +43,7 @@ struct ShadowOptions {
   std::function<bool()> stop;
   bool endless = false;  ///< a live bus without duration_s: `stop` is the usual end
   std::function<void(const std::string&)> note;
+  std::function<void(const ShadowCycle&)> cycle;  ///< each that the CSV has a row of
 };
 
 /// One joint, over the whole session. Torques arm side; residual = measured - predicted, both filtered alike. While a

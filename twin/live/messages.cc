@@ -36,6 +36,13 @@ Json bus_json(const BusStatus& bus) {
           {"lost", bus.lost}};
 }
 
+Json residual_json(const Residual& residual) {
+  return {{"joint", residual.joint},
+          {"residual_nm", or_null(residual.residual_nm)},
+          {"limit_nm", or_null(residual.limit_nm)},
+          {"exceeded", residual.exceeded}};
+}
+
 std::string joint_names(const Hello& hello) {
   std::vector<std::string> names;
   for (const Joint& joint : hello.joints) names.push_back(joint.name);
@@ -72,10 +79,12 @@ std::string to_json(const Hello& hello, const std::string& session, bool readonl
 }
 
 std::string to_json(const Status& status) {
-  Json drives = nullptr, buses = Json::array();
+  Json drives = nullptr, buses = Json::array(), residual = nullptr;
   if (!status.drives.empty()) drives = Json::array();
   for (const DriveStatus& drive : status.drives) drives.push_back(drive_json(drive));
   for (const BusStatus& bus : status.buses) buses.push_back(bus_json(bus));
+  if (!status.residual.empty()) residual = Json::array();
+  for (const Residual& one : status.residual) residual.push_back(residual_json(one));
   return text_of({{"type", "status"},
                   {"simulated_s", status.simulated_s},
                   {"wall_s", status.wall_s},
@@ -83,7 +92,8 @@ std::string to_json(const Status& status) {
                   {"recording", status.recording},
                   {"lost_frames", status.lost_frames},
                   {"drives", drives},
-                  {"buses", buses}});
+                  {"buses", buses},
+                  {"residual", residual}});
 }
 
 std::string to_json(const Event& event) {

@@ -59,12 +59,21 @@ struct BusStatus {
   std::uint64_t frames_in = 0, frames_out = 0, syncs = 0, lost = 0;
 };
 
+/// Of a shadow: how far the measured torque is from the predicted one, arm side.
+struct Residual {
+  std::string joint;
+  std::optional<double> residual_nm;  ///< not now: not known, or not judged
+  std::optional<double> limit_nm;     ///< none asked for
+  bool exceeded = false;              ///< for longer than allowed, at some time since the start
+};
+
 struct Status {
   double simulated_s = 0, wall_s = 0;
   bool paused = false, recording = false;
   std::uint64_t lost_frames = 0;
   std::vector<DriveStatus> drives;  ///< empty: they have no bus
   std::vector<BusStatus> buses;
+  std::vector<Residual> residual;        ///< of a shadow
   std::vector<drive::Workspace> joints;  ///< their states, for Hello::law
 };
 

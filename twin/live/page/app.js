@@ -81,6 +81,7 @@ function showText() {
     showNumber(counts.rows, ring.received, '');
     showNumber(counts.lost, ring.lost, '');
     byId('lost').classList.toggle('bad', ring.lost > 0);
+    page.plots.limit_nm = status?.residual?.find((residual) => residual.limit_nm !== null)?.limit_nm;
     page.plots.showKept();
     if (ring.last >= 0) page.events.draw(ring.time(ring.begin), ring.time(ring.last));
   }

@@ -8,7 +8,8 @@ Dygraph.PLUGINS = Dygraph.PLUGINS.filter((plugin) => plugin !== Dygraph.Plugins.
 
 const quantities = [
   ['position_rad', 'Position'], ['motor_torque_nm', 'Motor torque'], ['friction_nm', 'Friction'],
-  ['temperature_degC', 'Temperature'],
+  ['temperature_degC', 'Temperature'], ['measured_nm', 'Measured torque'], ['predicted_nm', 'Predicted torque'],
+  ['residual_nm', 'Residual'],
 ];
 // With the dashes no two of eight joints look the same without colour.
 const dashes = [null, [9, 4], [3, 3], [12, 3, 3, 3], [18, 5], [6, 3, 2, 3, 2, 3], [2, 6], [14, 3, 6, 3]];
@@ -91,7 +92,21 @@ class Plot {
       canvas.lineTo(x, area.y + area.h);
       canvas.stroke();
     }
+    if (this.name === 'residual_nm' && isNumber(this.plots.limit_nm)) this.limits(canvas, area, graph);
     canvas.setLineDash([]);
+  }
+
+  limits(canvas, area, graph) {
+    canvas.setLineDash([10, 4]);
+    canvas.strokeStyle = style('--bad');
+    for (const limit of [-this.plots.limit_nm, this.plots.limit_nm]) {
+      const y = Math.round(graph.toDomYCoord(limit)) + 0.5;
+      if (y < area.y || y > area.y + area.h) continue;
+      canvas.beginPath();
+      canvas.moveTo(area.x, y);
+      canvas.lineTo(area.x + area.w, y);
+      canvas.stroke();
+    }
   }
 
   draw(ring, from, to, view) {

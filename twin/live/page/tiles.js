@@ -5,8 +5,9 @@ import { duration, errorCode, isNumber, modeText, number, showNumber, withUnit, 
 const warning_K = 10;  // as the drives: a warning 10 K before the limit
 
 /// What is wrong with a drive, in words; red is for these alone.
-export function wrongs(drive, joint, temperature_degC) {
+export function wrongs(drive, joint, temperature_degC, residual) {
   const found = [];
+  if (residual?.exceeded) found.push(`the residual has exceeded its limit of ${withUnit(residual.limit_nm, 'Nm')}`);
   const text = drive?.error_text ? ': ' + drive.error_text : '';
   if (drive?.error_code) found.push(`error ${errorCode(drive.error_code)}${text}`);
   else if (/fault/.test(drive?.state ?? '')) found.push(words(drive.state));
@@ -29,13 +30,16 @@ const facts = [
   ['following error', 'following_error_rad', 'rad'], ['velocity', 'velocity_rad_s', 'rad/s'],
   ['target velocity', 'target.velocity_rad_s', 'rad/s'], ['motor torque', 'motor_torque_nm', 'Nm'],
   ['target torque', 'target.torque_nm', 'Nm'], ['friction', 'friction_nm', 'Nm'], ['load', 'load_nm', 'Nm'],
+  ['measured torque', 'measured_nm', 'Nm'], ['predicted torque', 'predicted_nm', 'Nm'],
+  ['residual', 'residual_nm', 'Nm'], ['residual limit', 'residual.limit_nm', 'Nm'],
 ];
 const ofDrive = (name) => name.startsWith('target.') || name === 'following_error_rad';
+const ofResidual = (name) => name.startsWith('residual.');
 
 const busName = ({ bus }) => (bus === null || bus === undefined ? '' : isNumber(bus) ? `bus ${bus} ` : `${bus} `);
 
 class Tile {
-  constructor(joint, choose) {
+  constructor(joint, columns, choose) {
     this.joint = joint;
     this.temperature = number('temperature_degC');
     this.bar = element('span', { className: 'bar' });
@@ -45,7 +49,8 @@ class Tile {
     this.limit = element('p', { className: 'soft limit' });
     this.badge = element('span', { className: 'badge', hidden: true, textContent: 'warmest' });
     this.brake = element('dd');
-    this.numbers = facts.map(([label, name, unit]) => {
+    const told = ([, name]) => columns.has(name) || ofDrive(name) || ofResidual(name);
+    this.numbers = facts.filter(told).map(([label, name, unit]) => {
       const value = number(name);
       const row = element('div', {}, element('dt', { textContent: label }), element('dd', {}, value));
       return { name, unit, value, row };
@@ -61,30 +66,30 @@ class Tile {
         element('dl', {}, ...this.numbers.map((n) => n.row), this.brakeRow)));
   }
 
-  show(drive, values, warmest, span) {
+  show(drive, residual, values, warmest, span) {
     const temperature = values('temperature_degC');
     showNumber(this.temperature, temperature, 'degC');
     const share = (temperature - span[0]) / (span[1] - span[0]);
     this.bar.style.width = `${100 * Math.min(1, Math.max(0, share || 0))}%`;
-    const wrong = wrongs(drive, this.joint, temperature);
+    const wrong = wrongs(drive, this.joint, temperature, residual);
     const near = isNumber(this.joint.limit_degC) && temperature > this.joint.limit_degC - warning_K;
     this.root.classList.toggle('wrong', wrong.length > 0);
     this.root.classList.toggle('near', near && wrong.length === 0);
     this.root.classList.toggle('warmest', warmest);
     this.badge.hidden = !warmest;
     setText(this.limit, limitText(drive, this.joint, temperature));
-    this.showWords(drive, wrong);
+    this.showWords(drive, residual, wrong);
     for (const { name, unit, value, row } of this.numbers) {
       const target = name.startsWith('target.') ? drive?.target?.[name.slice(7)] : drive?.[name];
-      const shown = ofDrive(name) ? target : values(name);
-      row.hidden = ofDrive(name) && !isNumber(shown);
+      const shown = ofDrive(name) ? target : ofResidual(name) ? residual?.[name.slice(9)] : values(name);
+      row.hidden = (ofDrive(name) || ofResidual(name)) && !isNumber(shown);
       showNumber(value, shown, unit);
     }
   }
 
-  showWords(drive, wrong) {
+  showWords(drive, residual, wrong) {
     const bus = drive && drive.state !== null && drive.state !== undefined;
-    setText(this.state, bus ? words(drive.state) : 'simulated, not on a bus');
+    setText(this.state, bus ? words(drive.state) : residual ? 'listened to on a bus' : 'simulated, not on a bus');
     const [mode, modeWords] = modeText(drive?.mode);
     setText(this.network, bus ? `NMT ${words(drive.nmt)} · ${mode} · ${busName(drive)}node ${drive.node}` : '');
     this.network.title = bus ? modeWords : '';
@@ -98,7 +103,8 @@ class Tile {
 export class Tiles {
   constructor(hello, choose) {
     this.hello = hello;
-    this.tiles = hello.joints.map((joint) => new Tile(joint, choose));
+    this.tiles = hello.joints.map((joint) => new Tile(joint,
+      new Set(hello.columns.filter((column) => column.joint === joint.name).map((column) => column.name)), choose));
     byId('drives').replaceChildren(...this.tiles.map((tile) => tile.root));
     this.warmest = null;
   }
@@ -113,9 +119,10 @@ export class Tiles {
     const list = [];
     this.tiles.forEach((tile, i) => {
       const drive = drives.find((d) => d.joint === joints[i].name);
+      const residual = status?.residual?.find((r) => r.joint === joints[i].name);
       const top = isNumber(joints[i].limit_degC) ? joints[i].limit_degC : Math.max(60, highest);
-      tile.show(drive, (name) => value(joints[i].name, name), i === warmest, [0, top]);
-      for (const what of wrongs(drive, joints[i], temperatures[i])) list.push([joints[i].name, what]);
+      tile.show(drive, residual, (name) => value(joints[i].name, name), i === warmest, [0, top]);
+      for (const what of wrongs(drive, joints[i], temperatures[i], residual)) list.push([joints[i].name, what]);
     });
     this.showWarmest(warmest, drives, highest);
     return list;

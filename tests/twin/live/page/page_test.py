@@ -89,6 +89,27 @@ def check_first_sight(tab):
     check("red is on that tile alone", set(tab.value(red)) == {"drive_joint3"}, tab.value(red))
 
 
+def check_residual(tab, bench):
+    """Of a shadow: its limit is a number, that it was exceeded is what is wrong."""
+    residual = [
+        {"joint": f"joint{j + 1}", "residual_nm": j / 7, "limit_nm": 0.375 if j else None, "exceeded": j == 1}
+        for j in range(JOINTS)
+    ]
+    bench.say(status(residual=residual, drives=None))
+    wrong = "document.querySelector('#wrong_list').innerText"
+    tab.until(wrong + ".includes('residual')")
+    said = tab.value(wrong)
+    check(
+        "an exceeded residual is what is wrong", said == "joint2 the residual has exceeded its limit of 0.3750 Nm", said
+    )
+    limits = [values(tab, f"#drive_joint{j + 1}").get("residual.limit_nm") for j in range(JOINTS)]
+    check("its limit is on the tile", limits == [None] + 5 * [0.375], limits)
+    state = tab.value("document.querySelector('#drive_joint1 .state').innerText")
+    check("a joint of a shadow is listened to", state == "listened to on a bus", state)
+    bench.say(status())
+    tab.until(wrong + ".includes('8611h')")
+
+
 def check_lost_rows(tab, bench):
     bench.rows(1410, [row(n) for n in range(1410, 1500)])
     received(tab, 490)
@@ -294,6 +315,7 @@ def main():
         tab.until("document.querySelectorAll('.tile').length === 6")
         check_numbers(tab, bench)
         check_first_sight(tab)
+        check_residual(tab, bench)
         check_lost_rows(tab, bench)
         check_plots(tab)
         check_law(tab, bench)

@@ -1,0 +1,152 @@
+"""`tribotwin-hil replay --web` and `shadow --web`: what a viewer gets is what telemetry.h5 of the replay and the CSV of
+the shadow have. Arguments: tribotwin-hil, source tree."""
+import csv, os, signal, subprocess, sys, threading, time
+
+import numpy
+
+from harness import check, check_refused, content, finish, path, run, work
+from master import Master
+from session import connect, hold_scenario
+from web_viewer import PATIENCE_S, compare, watch, web_address
+
+hil, source = sys.argv[1:]
+scenario = hold_scenario(source)
+address, gateway = "socketcand://127.0.0.1:29661/can0", "gateway://127.0.0.1:29661/can0"
+nodes = range(1, 7)
+rate = ("--set", "telemetry_rate_hz=500")
+MARK = ({"type": "watch", "joint": "joint1"}, {"type": "command", "id": 1, "do": "marker", "text": "here"},
+        {"type": "command", "id": 2, "do": "pause"})  # fmt: skip
+
+
+def begin(name, *command):
+    """The process with a page, and where that is."""
+    with open(path(name + ".log"), "w") as log:
+        process = subprocess.Popen([hil, *command, "--web", "127.0.0.1:0"], cwd=work, stderr=log,
+                                   stdout=open(path(name + ".out"), "w"))  # fmt: skip
+    try:
+        return process, web_address(path(name + ".log"))
+    except RuntimeError:
+        process.kill()
+        raise
+
+
+def check_answers(name, texts):
+    hello = texts["hello"][0]
+    check(f"{name}: a page may only mark", (hello["program"], hello["commands"]) == (name, ["marker"]), hello)
+    done = {d["id"]: (d["ok"], d["message"]) for d in texts.get("done", [])}
+    check(f"{name}: it marks", done[1][0] and done[1][1].endswith("no record has it"), done)
+    check(f"{name}: no other command", done[2] == (False, "do must be one of: marker"), done)
+
+
+class Movement(threading.Thread):
+    """A master that enables the drives and moves joint 2, a SYNC every 4 ms, until it is told to end."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.going, self.enabled = True, threading.Event()
+
+    def run(self):
+        master = Master(connect(address, "socketcand", "can0"), nodes)
+        master.nmt(1)
+        for n in nodes:
+            master.send_torque(n)
+        for word in (0x80, 0x00, 0x06, 0x07, 0x0F):
+            master.control(word)
+            master.cycle()
+            master.cycle()
+        home, k = dict(master.position), 0
+        self.enabled.set()
+        while self.going:
+            begun = time.monotonic()
+            k += 1
+            step = 20000 * (1 - abs(k % 500 / 250 - 1))
+            master.cycle({n: home[n] + round(step) if n == 2 else home[n] for n in nodes})
+            time.sleep(max(0, 0.004 - (time.monotonic() - begun)))
+        master.bus.shutdown()
+
+
+def test_replay():
+    """The record of the last drive, at its own speed and as fast as possible."""
+    process, where = begin("replay", "replay", scenario, "moved.log", *rate, "-o", "replay", "--force", "--cycle", "4")
+    texts, numbers, rows, end = watch(*where, *MARK)
+    code = process.wait(PATIENCE_S)
+    check("replay: ends well, and says good bye", (code, end) == (0, 1001), (end, content("replay.log")))
+    compare("replay", "replay", texts["hello"][0], numbers, rows)
+    check_answers("replay", texts)
+    last = texts["status"][-1]
+    check("replay: its bus", (last["buses"][0]["name"], last["buses"][0]["syncs"] > 200) == ("can0", True), last)
+    states = {d["state"] for s in texts["status"] for d in s["drives"]}
+    check("replay: the drives get their words from the record", "operation enabled" in states, states)
+    shown = content("replay.out")
+    check("replay: no difference", ": 0 differ, 0 missing, 0 added" in shown, shown)
+    wall, simulated = last["wall_s"], last["simulated_s"]
+    check("replay: it keeps the time of the record", wall > 0.9 * simulated, (wall, simulated))
+    fast = run(hil, "replay", scenario, "moved.log", *rate, "--fast", "--web", "127.0.0.1:0", "--cycle", "4")
+    check("replay --fast: waits for no page", fast.returncode == 0 and "web: http://" in fast.stderr, fast.stderr)
+
+
+def test_shadow():
+    """Beside a drive that moves: all that the page gets is what the CSV says, in its digits."""
+    drive = subprocess.Popen([hil, "drive", scenario, "--can", address, "--quiet", "--record", "moved.log",
+                              "--cycle", "4", *rate], cwd=work)  # fmt: skip
+    time.sleep(1)
+    process, where = begin("shadow", "shadow", scenario, "--can", gateway, "--csv", "shadow.csv", "--limit", "1e-3",
+                           "--limit-time", "0.1", "--joint", "joint2", "--lockstep", "--cycle", "4",
+                           "--duration", "6")  # fmt: skip
+    movement = Movement()  # after the shadow, which must hear how the torque is mapped
+    movement.start()
+    texts, numbers, rows, end = watch(*where, *MARK)
+    code = process.wait(PATIENCE_S)
+    movement.going = False
+    movement.join(20)
+    check("shadow: the drives were enabled", movement.enabled.is_set())
+    drive.send_signal(signal.SIGTERM)
+    check("the drive ends in order", drive.wait(20) == 0)
+    check("shadow: the limit is exceeded, and it says good bye", (code, end) == (3, 1001), content("shadow.log"))
+    check_answers("shadow", texts)
+    compare_with_csv(texts["hello"][0], numbers, rows)
+    last = texts["status"][-1]
+    residual = {r["joint"]: r for r in last["residual"]}
+    limits = [residual[f"joint{n}"]["limit_nm"] for n in nodes]
+    check("shadow: the limit is that of joint2", limits == [None, 1e-3, None, None, None, None], residual)
+    check("shadow: it was exceeded there", [r["exceeded"] for r in last["residual"]] == [n == 2 for n in nodes])
+    columns = [c["name"] for c in texts["hello"][0]["columns"]]
+    now = [None if numpy.isnan(v) else v for c, v in zip(columns, rows[-1]) if c == "residual_nm"]
+    check("shadow: the status has the residuals of the last row", [r["residual_nm"] for r in last["residual"]] == now)
+    notes = [e["text"] for e in texts.get("event", []) if e["kind"] == "note"]
+    check("shadow: what it says is an event", any("joint2: residual" in n for n in notes), notes)
+    check("shadow: its bus", last["buses"][0]["syncs"] > 200 and last["drives"] is None, last)
+
+
+def compare_with_csv(hello, numbers, rows):
+    with open(path("shadow.csv")) as file:
+        head, *written = list(csv.reader(file))
+    check("shadow: the last row came", numbers[-1] == len(written) - 1, (numbers[-1], len(written)))
+    check("shadow: most rows came, without a gap", len(numbers) > 0.5 * len(written) and
+          list(numbers) == list(range(numbers[0], numbers[-1] + 1)), (len(numbers), len(written)))  # fmt: skip
+    names = [f"{c['joint']}.{c['name']}" if c["joint"] else c["name"] for c in hello["columns"]]
+    digits = lambda name: ".6f" if name == "time_s" else ".3f" if name.endswith("degC") else ".6g"
+    wrong = [
+        (n, name, said, row[names.index(name)])
+        for n, row in zip(numbers, rows)
+        for name, said in zip(head, written[n])
+        if format(row[names.index(name)], digits(name)) != said
+    ]
+    check("shadow: every number is that of the CSV", not wrong, wrong[:5])
+    judged = sum(said != "nan" for line in written for name, said in zip(head, line) if name == "joint2.residual_nm")
+    check("shadow: most cycles of joint2 are judged", judged > 0.5 * len(written), (judged, len(written)))
+
+
+def test_wrong():
+    for command in (["replay", scenario, "moved.log"], ["shadow", scenario, "--can", "log:moved.log"]):
+        r = run(hil, *command, "-o", "none", "--web", "127.0.0.1:x")
+        check_refused(f"{command[0]} --web 127.0.0.1:x", r, "the port must be 0 to 65535")
+        check(f"{command[0]}: nothing is written", not os.path.exists(path("none")))
+        r = run(hil, *command, "--web-readonly")
+        check_refused(f"{command[0]} --web-readonly alone", r, "--web", lines=None)
+
+
+test_shadow()
+test_replay()
+test_wrong()
+finish()
