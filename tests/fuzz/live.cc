@@ -1,0 +1,283 @@
+// The HTTP and WebSocket side of a live bench with hostile bytes over loopback: nobody gets in without the token, what
+// is obeyed is a command that there is, and in the end the bench still serves. For libFuzzer, and as a program:
+// fuzz_live COUNT SEED.
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <memory>
+#include <random>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "require.hpp"
+#include <arpa/inet.h>
+#include <fmt/format.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <unistd.h>
+
+#include <tribotwin/twin/live/server.hpp>
+
+namespace {
+
+using namespace tribotwin::twin::live;
+
+/// A bench that needs a token although it is on loopback.
+struct HostileBench {
+  std::unique_ptr<Server> server;
+  std::uint16_t port = 0;
+  std::string token;
+
+  HostileBench() {
+    ServerOptions options;
+    options.address = {.host = "127.0.0.1", .port = 0, .loopback = false};
+    options.limits.messages_per_s = 1000;  // so that what is said reaches the parser
+    auto started = Server::start(options, {.program = "fuzz",
+                                           .version = "1",
+                                           .scenario = "fuzz",
+                                           .commands = {"pause", "marker"},
+                                           .joints = {{"joint1", "load", 80}},
+                                           .columns = std::vector<Column>(8, {"", "time_s", "s"})});
+    require(started.has_value(), "no server");
+    server = std::move(*started);
+    const std::string& url = server->url();
+    const auto colon = url.rfind(':');
+    port = static_cast<std::uint16_t>(std::stoi(url.substr(colon + 1)));
+    token = url.substr(url.rfind('=') + 1);
+  }
+};
+
+HostileBench& bench() {
+  static HostileBench one;
+  return one;
+}
+
+/// A connection that sends `bytes`, says that it has no more, and hears the rest.
+std::string answer_to(std::string_view bytes) {
+  const int client = ::socket(AF_INET, SOCK_STREAM, 0);
+  const timeval patience{.tv_sec = 20, .tv_usec = 0};
+  ::setsockopt(client, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+  const linger at_once{.l_onoff = 1, .l_linger = 0};  // no port waits
+  ::setsockopt(client, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
+  const sockaddr_in address{
+      .sin_family = AF_INET, .sin_port = htons(bench().port), .sin_addr = {htonl(INADDR_LOOPBACK)}, .sin_zero = {}};
+  require(::connect(client, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0, "nobody listens");
+  while (!bytes.empty()) {
+    const ssize_t sent = ::send(client, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+    if (sent <= 0) break;  // refused before the end
+    bytes.remove_prefix(static_cast<std::size_t>(sent));
+  }
+  ::shutdown(client, SHUT_WR);
+  std::string all;
+  char part[4096];
+  ssize_t got;
+  while ((got = ::recv(client, part, sizeof part, 0)) > 0) all.append(part, static_cast<std::size_t>(got));
+  require(got == 0 || errno != EAGAIN, "the connection was not closed");
+  ::close(client);
+  return all;
+}
+
+void check_commands() {
+  while (const auto command = bench().server->take()) {
+    require(command->name == "pause" || command->name == "marker", "a command that there is not");
+    require(command->id.is_string() || command->id.is_number_integer(), "a command without an id");
+    bench().server->tell(Done{command->viewer, command->id, true, "done"});
+  }
+}
+
+std::string upgrade_of(const std::string& more) {
+  return fmt::format(
+      "GET /live HTTP/1.1\r\nHost: 127.0.0.1:{}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: "
+      "13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Protocol: tribotwin.live.v1\r\n{}\r\n",
+      bench().port, more);
+}
+
+long inside = 0, refused = 0;
+
+/// A request of a stranger; of these bytes not one is the token.
+void check_request(std::string_view bytes) {
+  const std::string answer = answer_to(bytes);
+  const std::string_view status = std::string_view(answer).substr(0, 12);
+  require(answer.empty() || status == "HTTP/1.1 400" || status == "HTTP/1.1 403", "a stranger was let in");
+  require(answer.find("hello") == answer.npos, "a stranger was told something");
+  refused += !answer.empty();
+}
+
+/// A viewer with the token and these bytes behind its request.
+void check_viewer(std::string_view bytes) {
+  const std::string answer =
+      answer_to(upgrade_of("Cookie: tribotwin_" + std::to_string(bench().port) + "=" + bench().token + "\r\n") +
+                std::string(bytes));
+  // An answer may be lost with the connection; there is no other one.
+  require(answer.empty() || answer.starts_with("HTTP/1.1 101"), "a viewer was refused");
+  inside += !answer.empty();
+}
+
+class HostileInput {
+ public:
+  explicit HostileInput(std::uint64_t seed) : random_(seed) {}
+
+  /// The first byte says which kind the rest is.
+  std::string next() {
+    if (below(2)) return 'r' + mutated(request(), 8);
+    std::string frames;
+    for (auto n = 1 + below(4); n > 0; --n) frames += frame();
+    return 'v' + (below(3) ? frames : mutated(frames, 4));
+  }
+
+ private:
+  std::size_t below(std::size_t n) { return static_cast<std::size_t>(random_() % n); }
+  template <std::size_t n>
+  std::string one_of(const char* const (&choices)[n]) {
+    return choices[below(n)];
+  }
+
+  std::string request() {
+    if (below(3) == 0)
+      return upgrade_of(below(2) ? "Cookie: a=b; tribotwin_1=" + std::string(below(99), '0') + "\r\n" : "");
+    const std::string name = fmt::format("127.0.0.1:{}", bench().port);
+    std::string text = one_of({"GET", "HEAD", "POST", "get", "CONNECT", "PRI", "\x16\x03\x01"}) + " " +
+                       one_of({"/", "/live", "/app.js", "/../etc/passwd", "/?token=", "//", "*", "/%00", "http://a/"}) +
+                       (below(4) ? "" : "?token=" + std::string(below(40), 'a')) + " " +
+                       one_of({"HTTP/1.1", "HTTP/1.0", "HTTP/2", "HTTP/9.9", ""}) + "\r\n";
+    text +=
+        "Host: " + (below(4) ? name : one_of({"", "evil.example", "localhost", "[::1]", "127.0.0.1:99999"})) + "\r\n";
+    for (auto n = below(4); n > 0; --n)
+      text += one_of({"Origin: http://evil.example", "Origin: null", "Content-Length: 5", "Content-Length: -1",
+                      "Content-Length: 99999999999999999999", "Transfer-Encoding: chunked", "Expect: 100-continue",
+                      "Connection: keep-alive, Upgrade", "Upgrade: websocket, h2c", "Cookie: ;;;=;",
+                      "Cookie: =", "Sec-WebSocket-Key: x", "Sec-WebSocket-Protocol: tribotwin.live.v1",
+                      "Range: bytes=0-", "Host: twice", "X : y", " folded", "\x01\x02: \xff"}) +
+              "\r\n";
+    if (below(20) == 0) text += "X: " + std::string(below(20000), 'x') + "\r\n";
+    return text + (below(5) ? "\r\n" : "") + (below(8) ? "" : std::string(below(3000), '\n'));
+  }
+
+  /// A WebSocket frame: most are well made around what is said, others lie about their size, bits or mask.
+  std::string frame() {
+    const int opcodes[] = {1, 1, 1, 1, 2, 0, 8, 9, 10, 3, 15};
+    const int bits[] = {0x80, 0x80, 0x80, 0x80, 0x00, 0xC0, 0xF0};
+    std::string said = saying();
+    std::string head{static_cast<char>(bits[below(std::size(bits))] | opcodes[below(std::size(opcodes))])};
+    const bool lies = below(6) == 0;
+    const std::uint64_t size = lies ? (below(2) ? random_() : below(1 << 20)) : said.size();
+    const int mask = below(16) ? 0x80 : 0;
+    const int kind = lies && below(2) ? 127 : size < 126 ? static_cast<int>(size) : size < 65536 ? 126 : 127;
+    head += static_cast<char>(mask | kind);
+    for (int byte = kind == 127 ? 8 : kind == 126 ? 2 : 0; byte-- > 0;) head += static_cast<char>(size >> (8 * byte));
+    std::string key(mask ? 4 : 0, '\0');
+    for (char& byte : key) byte = static_cast<char>(random_());
+    if (mask)
+      for (std::size_t i = 0; i < said.size(); ++i) said[i] = static_cast<char>(said[i] ^ key[i % 4]);
+    return head + key + said;
+  }
+
+  std::string saying() {
+    switch (below(8)) {
+      case 0:
+        return std::string(below(5000), "[{\"0"[below(4)]);
+      case 1: {
+        std::string deep;
+        for (auto n = below(700); n > 0; --n) deep += "{\"a\":";
+        return deep;
+      }
+      case 2: {
+        std::string noise(below(200), '\0');
+        for (char& byte : noise) byte = static_cast<char>(random_());
+        return noise;
+      }
+      case 3:
+        return mutated(command(), 5);
+      case 4:
+        return R"({"type":"watch","joint":)" + value() + "}";
+      default:
+        return command();
+    }
+  }
+  std::string command() {
+    return R"({"type":)" + (below(6) ? R"("command")" : value()) + R"(,"id":)" + value() + R"(,"do":)" +
+           (below(3) ? R"("marker")" : value()) + R"(,"text":)" + value() + "}";
+  }
+  std::string value() {
+    return one_of({"1",
+                   "-1",
+                   "1e999",
+                   "null",
+                   "true",
+                   "[]",
+                   "{}",
+                   "\"\"",
+                   "\"marker\"",
+                   "\"pause\"",
+                   "\"joint1\"",
+                   "\"\\u0000\"",
+                   "\"\\ud800\"",
+                   "\"\xff\xfe\"",
+                   "\"\xc0\x80\"",
+                   "99999999999999999999999999",
+                   "-0",
+                   "0.1",
+                   "NaN",
+                   "\"<script>\"",
+                   "[[[[[[[[1]]]]]]]]",
+                   "{\"id\":{\"id\":1}}",
+                   "9223372036854775807"});
+  }
+
+  std::string mutated(std::string text, std::size_t most) {
+    for (auto n = below(most); n > 0 && !text.empty(); --n) {
+      const std::size_t at = below(text.size());
+      switch (below(5)) {
+        case 0:
+          text[at] = static_cast<char>(random_());
+          break;
+        case 1:
+          text.erase(at, below(40));
+          break;
+        case 2:
+          text.insert(at, std::string(below(300), static_cast<char>(random_())));
+          break;
+        case 3:
+          text.resize(at);
+          break;
+        default:
+          text.insert(at, text.substr(below(text.size()), below(100)));
+      }
+    }
+    return text;
+  }
+
+  std::mt19937_64 random_;
+};
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  if (size == 0) return 0;
+  const std::string_view bytes(reinterpret_cast<const char*>(data) + 1, size - 1);
+  bench().server->rows().push([](std::span<double> row) { std::ranges::fill(row, 0.5); });
+  if (data[0] == 'r')
+    check_request(bytes);
+  else
+    check_viewer(bytes);
+  check_commands();
+  return 0;
+}
+
+/// Weak, so that libFuzzer's own main wins where it is linked.
+[[gnu::weak]] int main(int argc, char** argv) {
+  const long count = argc > 1 ? std::strtol(argv[1], nullptr, 10) : 10'000;
+  const std::uint64_t seed = argc > 2 ? std::strtoull(argv[2], nullptr, 10) : 1;
+  HostileInput input(seed);
+  for (long i = 0; i < count; ++i) {
+    const std::string bytes = input.next();
+    LLVMFuzzerTestOneInput(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size());
+  }
+  const std::string page =
+      answer_to(fmt::format("GET /?token={} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", bench().token, bench().port));
+  require(page.starts_with("HTTP/1.1 200"), "the bench serves no more");
+  std::printf("%ld inputs with seed %llu: %ld strangers refused, %ld viewers\n", count,
+              static_cast<unsigned long long>(seed), refused, inside);
+  return count < 100 || (inside > 0 && refused > 0) ? 0 : 1;
+}
