@@ -52,7 +52,8 @@ def start(name, *more):
     with open(os.path.join(work.name, name + ".log"), "w") as log:
         process = subprocess.Popen(
             [os.path.join(build, "bin", "tribotwin-hil"), "drive", scenario, "--quiet", "--cycle", "1", "--force",
-             "--set", "telemetry_rate_hz=1000", "--can", address, "--stats", os.path.join(work.name, name + ".json"), *more],
+             "--set", "telemetry_rate_hz=1000", "--can", address,
+             "--stats", os.path.join(work.name, name + ".json"), *more],
             stderr=log,
         )  # fmt: skip
     atexit.register(process.kill)
