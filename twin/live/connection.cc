@@ -26,6 +26,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   Connection(Hub& hub, tcp::socket socket) : hub_(hub), place_(hub), stream_(std::move(socket)) {
     parser_.header_limit(static_cast<std::uint32_t>(hub.options.limits.header_bytes));
     parser_.body_limit(0);
+    stream_.rate_policy().read_limit(hub.options.limits.bytes_per_s);
   }
 
   void start() {
@@ -104,7 +105,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   Hub& hub_;
   Place place_;
-  beast::tcp_stream stream_;
+  Stream stream_;
   beast::flat_buffer buffer_{16384};
   http::request_parser<http::empty_body> parser_;
   http::response<http::string_body> response_;

@@ -12,7 +12,8 @@ struct Limits {
   std::chrono::milliseconds response{30000};   ///< for a whole response, and for a silent viewer
   std::size_t header_bytes = 8192;
   std::size_t message_bytes = 4096;         ///< of a page
-  int messages_per_s = 20;                  ///< of one page
+  int messages_per_s = 20;                  ///< of one page, pings among them
+  std::size_t bytes_per_s = 128 << 10;      ///< that are read of one connection; more waits with who sends it
   std::size_t row_bytes = 1 << 20;          ///< that wait for one viewer; older rows are lost to it
   std::size_t texts = 256;                  ///< that wait for one viewer; with more it is sent away
   std::size_t events = 200;                 ///< that a new viewer is told of

@@ -13,7 +13,7 @@ namespace beast = boost::beast;
 namespace websocket = boost::beast::websocket;
 using beast::error_code;
 
-Viewer::Viewer(Hub& hub, Place place, beast::tcp_stream stream)
+Viewer::Viewer(Hub& hub, Place place, Stream stream)
     : hub_(hub), place_(std::move(place)), socket_(std::move(stream)), number_(++hub.viewers_so_far) {}
 
 void Viewer::start(Request request) {
@@ -28,6 +28,12 @@ void Viewer::start(Request request) {
   }));
   socket_.read_message_max(limits.message_bytes);
   socket_.auto_fragment(false);
+  socket_.control_callback([this](websocket::frame_type, beast::string_view) {
+    if (!too_fast()) return;
+    asio::post(socket_.get_executor(), [self = shared_from_this()] {  // not within the read that has heard it
+      self->close(CloseCode::policy_error, "too many messages");
+    });
+  });
   hub_.viewers.push_back(shared_from_this());
   socket_.async_accept(request_, [self = shared_from_this()](error_code error) {
     if (error) return self->drop();

@@ -2,6 +2,8 @@
 
 #include <chrono>
 
+#include <boost/asio/any_io_executor.hpp>
+#include <boost/asio/ip/tcp.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket.hpp>
@@ -9,6 +11,10 @@
 #include <tribotwin/twin/live/hub.hpp>
 
 namespace tribotwin::twin::live {
+
+/// A connection that is read no faster than Limits::bytes_per_s.
+using Stream =
+    boost::beast::basic_stream<boost::asio::ip::tcp, boost::asio::any_io_executor, boost::beast::simple_rate_policy>;
 
 inline constexpr const char* subprotocol = "tribotwin.live.v1";
 
@@ -18,7 +24,7 @@ class Viewer : public std::enable_shared_from_this<Viewer> {
   using Request = boost::beast::http::request<boost::beast::http::empty_body>;
   using CloseCode = boost::beast::websocket::close_code;
 
-  Viewer(Hub& hub, Place place, boost::beast::tcp_stream stream);
+  Viewer(Hub& hub, Place place, Stream stream);
   /// Answers the request that becomes a WebSocket, then tells what happened so far.
   void start(Request request);
 
@@ -49,7 +55,7 @@ class Viewer : public std::enable_shared_from_this<Viewer> {
 
   Hub& hub_;
   Place place_;
-  boost::beast::websocket::stream<boost::beast::tcp_stream> socket_;
+  boost::beast::websocket::stream<Stream> socket_;
   const std::uint64_t number_;
   Request request_;
   boost::beast::flat_buffer heard_;

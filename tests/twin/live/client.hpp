@@ -38,6 +38,11 @@ class Client {
   bool send(std::string_view bytes) {
     return ::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(bytes.size());
   }
+  /// How many of the bytes there is room for now.
+  std::size_t send_now(std::string_view bytes) {
+    const ssize_t sent = ::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+    return sent > 0 ? static_cast<std::size_t>(sent) : 0;
+  }
   void say_no_more() { ::shutdown(socket_, SHUT_WR); }
   /// Whether the server has closed the connection; waits for a byte or that.
   bool closed() {
@@ -50,6 +55,12 @@ class Client {
     char byte;
     const ssize_t got = ::recv(socket_, &byte, 1, MSG_DONTWAIT);
     return got == 0 || (got < 0 && errno != EAGAIN);
+  }
+  /// Reads what is there; true where there is nothing more now.
+  bool rest_now() {
+    char bytes[65536];
+    while (::recv(socket_, bytes, sizeof bytes, MSG_DONTWAIT) > 0) continue;
+    return true;
   }
   std::string rest() {
     std::string all;
