@@ -3,8 +3,6 @@ turns, each in a session of its own. Arguments: build folder, pairs (10 without)
 import atexit, json, os, re, selectors, socket, statistics, subprocess, sys, tempfile, threading, time
 
 build = sys.argv[1]
-pairs = int(sys.argv[2]) if len(sys.argv) > 2 else 10
-syncs = int(sys.argv[3]) if len(sys.argv) > 3 else 10_000
 source = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
 trip = os.path.join(build, "tests", "socketcand_round_trip")
@@ -17,6 +15,15 @@ REQUEST = (
 )
 
 
+def request_to(port):
+    """A WebSocket that is open."""
+    one = socket.create_connection(("127.0.0.1", port))
+    one.sendall(REQUEST.format(port).encode())
+    answer = one.recv(12, socket.MSG_WAITALL)
+    assert answer == b"HTTP/1.1 101", answer + one.recv(1000)
+    return one
+
+
 class Viewers(threading.Thread):
     """Reads all that comes, as fast as it comes: what it costs is the sending."""
 
@@ -24,10 +31,7 @@ class Viewers(threading.Thread):
         super().__init__(daemon=True)
         self.bytes, self.sockets, self.ready = 0, [], selectors.DefaultSelector()
         for _ in range(count):
-            one = socket.create_connection(("127.0.0.1", port))
-            one.sendall(REQUEST.format(port).encode())
-            answer = one.recv(12, socket.MSG_WAITALL)
-            assert answer == b"HTTP/1.1 101", answer + one.recv(1000)
+            one = request_to(port)
             one.setblocking(False)
             self.ready.register(one, selectors.EVENT_READ)
             self.sockets.append(one)
@@ -71,7 +75,7 @@ def start(name, *more):
     raise RuntimeError(said)
 
 
-def turn(name, *more):
+def turn(name, syncs, *more):
     """Median and 99 % of SYNC to TPDO by the drives' own stamps [us], the round trip's, megabytes per viewer."""
     process, port = start(name, *more)
     viewers = Viewers(port, VIEWERS) if port else None
@@ -87,10 +91,12 @@ def turn(name, *more):
 
 
 def main():
+    pairs = int(sys.argv[2]) if len(sys.argv) > 2 else 10
+    syncs = int(sys.argv[3]) if len(sys.argv) > 3 else 10_000
     ratios = []
     for i in range(pairs):
         order = [("without", ()), ("with", ("--web", "127.0.0.1:0"))]
-        got = {name: turn(name, *more) for name, more in (order if i % 2 else order[::-1])}
+        got = {name: turn(name, syncs, *more) for name, more in (order if i % 2 else order[::-1])}
         a, b = got["without"], got["with"]
         ratios.append([y / x for x, y in zip(a[:4], b[:4])])
         print(
@@ -104,4 +110,5 @@ def main():
         print(f"{what}: with / without {middle:.3f}, quartiles {low:.3f} .. {high:.3f}, {len(values)} pairs")
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -11,7 +11,7 @@ import { Ring } from './rows.js';
 import { Tiles, showWrong } from './tiles.js';
 
 const textEvery_ms = 100;  // faster, nobody reads numbers
-const drawingShare = 3;    // of the time at most a third goes into drawing
+const drawingShare = 2;    // of the time at most half goes into drawing
 
 const page = { hello: null, status: null, link: { up: false, text: 'connecting' }, problem: null };
 const counts = { rows: number('rows'), lost: number('rows_lost') };
@@ -92,11 +92,12 @@ let nextText = 0, nextDrawing = 0, drawnRows = -1;
 function frame(now) {
   requestAnimationFrame(frame);
   if (page.hello && now >= nextDrawing) {
+    const begin = performance.now();
     const fresh = page.ring.written !== drawnRows, { plots } = page;
     if ((fresh && !plots.fixed) || plots.dirty) plots.draw();
     if (fresh) page.friction.draw();
     drawnRows = page.ring.written;
-    nextDrawing = now + (drawingShare - 1) * (performance.now() - now);
+    nextDrawing = now + (drawingShare - 1) * (performance.now() - begin);
   }
   if (now >= nextText) {
     showText();

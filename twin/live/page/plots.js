@@ -1,7 +1,7 @@
 // Histories of position, torque, friction and temperature: one time axis, one cursor, every row where it is zoomed in.
 import { byId, drawing, element, grouped, setText, style } from './dom.js';
 import { isNumber, number, rounded, showNumber, unitText } from './format.js';
-import { drawn, keptBytes } from './rows.js';
+import { Drawn, keptBytes } from './rows.js';
 
 // Its legend needs style attributes, which the page's policy forbids; the histories have legends of their own.
 Dygraph.PLUGINS = Dygraph.PLUGINS.filter((plugin) => plugin !== Dygraph.Plugins.Legend);
@@ -27,6 +27,7 @@ function swatch(i) {
 class Plot {
   constructor(plots, name, title, columns) {
     Object.assign(this, { plots, name, columns });
+    this.drawn = new Drawn(columns.map((column) => column.index));
     this.unit = columns[0].unit;
     this.area = element('div', { className: 'area' });
     this.line = element('div', { className: 'cursor', hidden: true });
@@ -110,7 +111,7 @@ class Plot {
   }
 
   draw(ring, from, to, view) {
-    const file = drawn(ring, this.columns.map((column) => column.index), from, to, this.area.clientWidth || 400);
+    const file = this.drawn.of(ring, from, to, this.area.clientWidth || 400);
     if (file.length < 2) return;
     if (!this.graph) this.graph = new Dygraph(this.area, file, { ...this.options(), dateWindow: view });
     else this.graph.updateOptions({ file, dateWindow: view });

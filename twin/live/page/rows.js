@@ -106,19 +106,49 @@ export class Ring {
   }
 }
 
-/// [time, value of each column...] of the rows from..to for a drawing of `width` points: every row where they fit, else
-/// smallest and largest of each stretch, in the order in which they came, so that no peak is lost. Stretches begin at
-/// multiples of their length: the picture does not flicker while it moves.
-export function drawn(ring, columns, from, to, width) {
-  const out = [];
-  const stride = Math.ceil((to - from) / Math.max(1, width));
-  if (stride <= 2) {
-    for (let i = from; i < to; ++i) out.push([ring.time(i), ...columns.map((c) => ring.at(i, c))]);
+/// What histories of `columns` draw: [time, value of each column...] of the rows from..to for `width` points: every row
+/// where they fit, else smallest and largest of each stretch, in the order in which they came, so that no peak is lost.
+/// Stretches begin at multiples of their length: the picture does not flicker while it moves, and what is known of a
+/// stretch that is over is kept.
+export class Drawn {
+  constructor(columns) {
+    this.columns = columns;
+    this.forget(0);
+  }
+
+  forget(stride) {
+    this.stride = stride;
+    this.stretches = new Map();  // by their begin, upwards
+    this.written = this.from = 0;
+  }
+
+  of(ring, from, to, width) {
+    const out = [], { columns } = this;
+    const stride = Math.ceil((to - from) / Math.max(1, width));
+    if (stride <= 2) {
+      for (let i = from; i < to; ++i) out.push([ring.time(i), ...columns.map((c) => ring.at(i, c))]);
+      return out;
+    }
+    if (stride !== this.stride || ring.written < this.written || from < this.from) this.forget(stride);
+    this.written = ring.written;
+    this.from = from;
+    for (const begin of this.stretches.keys()) {
+      if (begin >= from) break;
+      this.stretches.delete(begin);
+    }
+    for (let begin = Math.floor(from / stride) * stride; begin < to; begin += stride)
+      out.push(...this.stretch(ring, from, to, begin));
     return out;
   }
-  for (let begin = Math.floor(from / stride) * stride; begin < to; begin += stride)
-    out.push(...extremes(ring, columns, Math.max(from, begin), Math.min(to, begin + stride)));
-  return out;
+
+  stretch(ring, from, to, begin) {
+    const known = this.stretches.get(begin);
+    if (known) return known;
+    const end = begin + this.stride;
+    const both = extremes(ring, this.columns, Math.max(from, begin), Math.min(to, end));
+    if (begin >= from && end <= to) this.stretches.set(begin, both);
+    return both;
+  }
 }
 
 function extremes(ring, columns, from, to) {
