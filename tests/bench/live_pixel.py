@@ -24,6 +24,9 @@ WATCH = """(() => {
   requestAnimationFrame(look);
 })()"""
 
+IN_SIGHT = """[...document.querySelectorAll('.history')].map(h => h.getBoundingClientRect())
+  .filter(r => r.top < innerHeight && r.bottom > 0).length"""
+
 
 def steps_of(log):
     """Wall clock of each step of the robot [ms]: that of its turn of the session, in which it is the next thing."""
@@ -53,7 +56,10 @@ def turn(folder):
             tab = browser.tab()
             tab.window(1440, 900)
             tab.go(address)
-            time.sleep(5)  # the page has drawn
+            tab.until("document.querySelectorAll('.history').length === 4")
+            tab.value("document.querySelector('#plots').scrollIntoView()")  # what is not seen is not drawn
+            time.sleep(5)
+            drawn = tab.value(IN_SIGHT)
             tab.value(WATCH)
             time.sleep(seconds)
             seen = tab.value("seen")
@@ -61,14 +67,14 @@ def turn(folder):
             browser.close()
             drive.terminate()
             drive.wait(20)
-    return steps_of(log), seen
+    return steps_of(log), seen, drawn
 
 
 def main():
     medians, highs = [], []
     for _ in range(turns):
         with tempfile.TemporaryDirectory() as folder:
-            steps, seen = turn(folder)
+            steps, seen, drawn = turn(folder)
         frames = [(wall, newest) for wall, newest in seen]
         late, at = [], 0
         first, last = round(1e3 * frames[0][1]) + 1, round(1e3 * frames[-1][1])
@@ -78,12 +84,13 @@ def main():
             late.append(frames[at][0] - steps[step])
         late.sort()
         rate = 1e3 * (len(frames) - 1) / (frames[-1][0] - frames[0][0])
-        drawn = len({newest for _, newest in frames}) / (frames[-1][0] - frames[0][0]) * 1e3
+        pictures = len({newest for _, newest in frames}) / (frames[-1][0] - frames[0][0]) * 1e3
         medians.append(statistics.median(late))
         highs.append(late[int(0.99 * len(late))])
         print(
             f"{len(late)} rows: step to pixel median {medians[-1]:.1f} ms, 99 % {highs[-1]:.1f} ms, most {late[-1]:.1f} "
-            f"ms; {rate:.0f} frames and {drawn:.0f} new pictures a second; load {os.getloadavg()[0]:.1f}",
+            f"ms; {drawn} histories in sight, {rate:.0f} frames and {pictures:.0f} new pictures a second; "
+            f"load {os.getloadavg()[0]:.1f}",
             flush=True,
         )
     print(f"medians: {statistics.median(medians):.1f} ms, 99 % {statistics.median(highs):.1f} ms "

@@ -39,7 +39,7 @@ function begin(hello) {
 function build(hello) {
   page.ring = new Ring(hello.columns.length);
   page.columns = new Map(hello.columns.map((column, i) => [`${column.joint} ${column.name}`, i]));
-  page.plots?.size.disconnect();
+  page.plots?.leave();
   page.friction?.size.disconnect();
   page.plots = new Plots(hello, page.ring, page.events);
   page.friction = new Friction(hello, page.ring, (joint) => page.connection.send({ type: 'watch', joint }));

@@ -148,9 +148,20 @@ export class Plots {
     byId('series').replaceChildren(...hello.joints.map((joint, i) => this.choice(joint.name, i)));
     this.size = new ResizeObserver(() => this.plots.forEach((plot) => plot.graph?.resize()));
     this.size.observe(byId('figures'));
+    this.sight = new IntersectionObserver((changes) => {
+      for (const { target, isIntersecting } of changes)
+        this.plots.find((plot) => plot.root === target).seen = isIntersecting;
+      this.dirty = true;
+    });
+    for (const plot of this.plots) this.sight.observe(plot.root);
     this.time = number('cursor_s');
     byId('cursor_time').replaceChildren(this.time);
     this.controls();
+  }
+
+  leave() {
+    this.size.disconnect();
+    this.sight.disconnect();
   }
 
   choice(name, i) {
@@ -269,7 +280,7 @@ export class Plots {
     if (ring.last < 0) return;
     const [from, to] = this.view();
     const first = Math.max(ring.begin, ring.find(from) - 1), last = Math.min(ring.end, ring.find(to) + 1);
-    for (const plot of this.plots) plot.draw(ring, first, last, [from, to]);
+    for (const plot of this.plots) if (plot.seen) plot.draw(ring, first, last, [from, to]);
     this.dirty = false;
     this.showCursor();
   }
