@@ -88,8 +88,8 @@ def main():
         medians.append(statistics.median(late))
         highs.append(late[int(0.99 * len(late))])
         print(
-            f"{len(late)} rows: step to pixel median {medians[-1]:.1f} ms, 99 % {highs[-1]:.1f} ms, most {late[-1]:.1f} "
-            f"ms; {drawn} histories in sight, {rate:.0f} frames and {pictures:.0f} new pictures a second; "
+            f"{len(late)} rows: step to pixel median {medians[-1]:.1f} ms, 99 % {highs[-1]:.1f} ms, most "
+            f"{late[-1]:.1f} ms; {drawn} histories in sight, {rate:.0f} frames, {pictures:.0f} new pictures a second; "
             f"load {os.getloadavg()[0]:.1f}",
             flush=True,
         )

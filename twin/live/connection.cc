@@ -26,6 +26,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
   Connection(Hub& hub, tcp::socket socket) : hub_(hub), place_(hub), stream_(std::move(socket)) {
     parser_.header_limit(static_cast<std::uint32_t>(hub.options.limits.header_bytes));
     parser_.body_limit(0);
+    error_code ignored;
+    stream_.socket().set_option(tcp::no_delay(true), ignored);  // else rows wait for the answer to those before: 40 ms
     stream_.rate_policy().read_limit(hub.options.limits.bytes_per_s);
   }
 
