@@ -64,6 +64,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
       return refuse(http::status::method_not_allowed, "Only GET and HEAD are understood");
     const auto path = path_of(asked.target);
     if (path == "/live" && get) return become_viewer();
+    if (path == "/geometry.json" && !hub_.hello.geometry.empty())
+      return send(http::status::ok, "application/json", hub_.hello.geometry, rules->set_cookie());
     const PageFile* file = page_file(path);
     if (!file) return refuse(http::status::not_found, "There is no such file");
     send(http::status::ok, file->type, file->content, rules->set_cookie());
@@ -80,9 +82,11 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   void refuse(http::status status, std::string_view why) {
-    send(status, "text/plain; charset=utf-8", std::string(why) + ".\n", {});
+    refusal_ = std::string(why) + ".\n";
+    send(status, "text/plain; charset=utf-8", refusal_, {});
   }
 
+  /// `content` must stay: it is not copied.
   void send(http::status status, std::string_view type, std::string_view content, const std::string& cookie) {
     response_.result(status);
     response_.version(11);
@@ -97,7 +101,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     response_.set("Cross-Origin-Resource-Policy", "same-origin");
     if (!cookie.empty()) response_.set(http::field::set_cookie, cookie);
     if (status == http::status::method_not_allowed) response_.set(http::field::allow, "GET, HEAD");
-    if (parser_.get().method() != http::verb::head) response_.body() = std::string(content);
+    if (parser_.get().method() != http::verb::head) response_.body() = {content.data(), content.size()};
     stream_.expires_after(hub_.options.limits.response);
     http::async_write(stream_, response_, [self = shared_from_this()](error_code, std::size_t) {
       error_code ignored;
@@ -110,7 +114,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
   Stream stream_;
   beast::flat_buffer buffer_{16384};
   http::request_parser<http::empty_body> parser_;
-  http::response<http::string_body> response_;
+  http::response<http::span_body<const char>> response_;
+  std::string refusal_;
 };
 
 }  // namespace

@@ -18,6 +18,7 @@ struct Hub {
   Hello hello;
   std::string token;  ///< empty: none is needed
   Text hello_text, status_text;
+  Text poses;  ///< a binary message; nullptr: none came yet
   std::deque<Text> events;
   std::size_t connections = 0;
   std::uint64_t viewers_so_far = 0;

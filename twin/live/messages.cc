@@ -75,7 +75,8 @@ std::string to_json(const Hello& hello, const std::string& session, bool readonl
                   {"step_s", hello.step_s},
                   {"commands", readonly ? std::vector<std::string>{} : hello.commands},
                   {"joints", joints},
-                  {"columns", columns}});
+                  {"columns", columns},
+                  {"bodies", hello.geometry.empty() ? 0 : hello.bodies}});
 }
 
 std::string to_json(const Status& status) {

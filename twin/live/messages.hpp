@@ -41,6 +41,8 @@ struct Hello {
   std::vector<Column> columns;
   /// The law of joint `joint` in this state, for who asks for it. Called on the server's thread.
   std::function<Law(std::size_t joint, const drive::Workspace& state)> law = {};
+  std::string geometry = {};  ///< geometry.json; empty: there is none
+  std::size_t bodies = 0;     ///< of geometry.json, and of a pose
 };
 
 struct DriveStatus {

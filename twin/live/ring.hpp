@@ -50,6 +50,8 @@ class RowRing {
         values_(std::bit_ceil(rows) * columns) {}
 
   std::size_t columns() const { return columns_; }
+  /// Of the writer: the number of the next row.
+  std::uint64_t next() const { return next_; }
   /// Of the writer: `fill(row)` writes a row in its place. False where it was lost.
   template <class Fill>
   bool push(Fill&& fill) {
@@ -76,6 +78,43 @@ class RowRing {
   std::uint64_t next_ = 0;  // of the writer
   std::vector<std::uint64_t> numbers_;
   std::vector<double> values_;
+};
+
+/// The newest of many; what the reader did not take in time is gone. Three places: writer and reader have one each, and
+/// swap it for the third.
+class Newest {
+ public:
+  explicit Newest(std::size_t values) : places_{Place{values}, Place{values}, Place{values}} {}
+
+  /// Of the writer: `fill(values)` writes them in their place.
+  template <class Fill>
+  void write(std::uint64_t number, Fill&& fill) {
+    Place& place = places_[written_];
+    place.number = number;
+    fill(std::span<float>(place.values));
+    written_ = between_.exchange(written_ | fresh, std::memory_order_acq_rel) & ~fresh;
+  }
+  /// Of the reader: calls `take(number, values)` if there is something new; whether there was.
+  template <class Take>
+  bool read(Take&& take) {
+    if (!(between_.load(std::memory_order_relaxed) & fresh)) return false;
+    read_ = between_.exchange(read_, std::memory_order_acq_rel) & ~fresh;
+    const Place& place = places_[read_];
+    take(place.number, std::span<const float>(place.values));
+    return true;
+  }
+
+ private:
+  static constexpr unsigned fresh = 4;  // beside the number of a place
+  struct Place {
+    explicit Place(std::size_t size) : values(size) {}
+    std::uint64_t number = 0;
+    std::vector<float> values;
+  };
+  std::array<Place, 3> places_;
+  unsigned written_ = 0;  // of the writer
+  alignas(64) std::atomic<unsigned> between_{1};
+  alignas(64) unsigned read_ = 2;  // of the reader
 };
 
 /// A few messages.

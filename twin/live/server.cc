@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/live/connection.hpp>
+#include <tribotwin/twin/live/geometry.hpp>
 #include <tribotwin/twin/live/viewer.hpp>
 
 namespace tribotwin::twin::live {
@@ -43,7 +44,8 @@ class SignalsBlocked {
 }  // namespace
 
 struct Server::Impl {
-  Impl(const ServerOptions& options, Hello hello) : rows(hello.columns.size(), rows_on_the_way) {
+  Impl(const ServerOptions& options, Hello hello)
+      : rows(hello.columns.size(), rows_on_the_way), poses(hello.bodies * pose_numbers) {
     hub.options = options;
     hub.hello = std::move(hello);
   }
@@ -132,6 +134,16 @@ struct Server::Impl {
     }
   }
 
+  /// Of every so many ticks: the rate of rows is that of the ticks.
+  void tell_poses() {
+    const Limits& limits = hub.options.limits;
+    if (++ticks % std::max(1, limits.batches_per_s / std::max(1, limits.poses_per_s)) != 0) return;
+    const bool fresh = poses.read(
+        [this](std::uint64_t number, std::span<const float> values) { hub.poses = pose_message(number, values); });
+    if (!fresh) return;
+    for (const auto& viewer : hub.viewers) viewer->tell_poses(hub.poses);
+  }
+
   /// What the thread of the steps said, to all viewers.
   void pass_on() {
     while (auto message = messages.take()) std::visit([this](const auto& what) { pass_on(what); }, *message);
@@ -139,6 +151,7 @@ struct Server::Impl {
       for (const auto& viewer : hub.viewers) viewer->add_row(number, row);
     });
     tell_laws();
+    tell_poses();
     for (const auto& viewer : hub.viewers) viewer->send_rows();
   }
   void pass_on(const Status& status) {
@@ -173,6 +186,8 @@ struct Server::Impl {
 
   Hub hub;
   RowRing rows;
+  Newest poses;
+  int ticks = 0;
   Queue<std::variant<Status, Event, Done>, 256> messages;
   std::string url;
   asio::io_context io{1};
@@ -197,6 +212,7 @@ Result<std::unique_ptr<Server>> Server::start(const ServerOptions& options, Hell
 
 const std::string& Server::url() const { return impl_->url; }
 RowRing& Server::rows() { return impl_->rows; }
+Newest& Server::poses() { return impl_->poses; }
 void Server::tell(Status status) { impl_->messages.push(std::move(status)); }
 void Server::tell(Event event) { impl_->messages.push(std::move(event)); }
 void Server::tell(Done done) { impl_->messages.push(std::move(done)); }

@@ -42,6 +42,8 @@ class Server {
   const std::string& url() const;
   /// Rows as hello.columns says.
   RowRing& rows();
+  /// Poses as read_poses writes them; their number is that of the row they belong to.
+  Newest& poses();
   void tell(Status status);
   void tell(Event event);
   void tell(Done done);

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/live/geometry.hpp>
 #include <tribotwin/twin/live/law.hpp>
 #include <tribotwin/twin/live/twin_feed.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -46,6 +47,8 @@ Hello hello_of(const Scenario& scenario, std::string program, std::string versio
     const std::vector<std::string> of_units = units(model, binding);
     for (std::size_t c = 0; c < all.size(); ++c) hello.columns.push_back({joint, all[c].name, of_units[c]});
   }
+  hello.geometry = geometry_json(model);
+  hello.bodies = static_cast<std::size_t>(model->nbody);
   return hello;
 }
 
@@ -65,6 +68,8 @@ void push_row(Server& server, const Twin& twin, double time_s) {
     row[0] = time_s;
     read_channels(twin, row.subspan(1));
   });
+  server.poses().write(server.rows().next() - 1,
+                       [&](std::span<float> to) { read_poses(twin.model().get(), twin.data(), to); });
 }
 
 void TwinFeed::sample(const Twin& twin, double time_s) {

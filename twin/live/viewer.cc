@@ -4,6 +4,7 @@
 
 #include <boost/asio/buffer.hpp>
 
+#include <tribotwin/twin/live/geometry.hpp>
 #include <tribotwin/twin/live/viewer.hpp>
 
 namespace tribotwin::twin::live {
@@ -44,6 +45,7 @@ void Viewer::start(Request request) {
   texts_.push_back(hub_.hello_text);
   texts_.insert(texts_.end(), hub_.events.begin(), hub_.events.end());
   status_ = hub_.status_text;
+  poses_ = hub_.poses;
 }
 
 void Viewer::drop() {
@@ -114,6 +116,16 @@ void Viewer::send_rows() {
   send();
 }
 
+Text pose_message(std::uint64_t row, std::span<const float> poses) {
+  static_assert(std::endian::native == std::endian::little);
+  const std::uint32_t head[] = {2, static_cast<std::uint32_t>(poses.size() / pose_numbers)};
+  std::string message(sizeof head + sizeof row + poses.size_bytes(), '\0');
+  std::memcpy(message.data(), head, sizeof head);
+  std::memcpy(message.data() + sizeof head, &row, sizeof row);
+  std::memcpy(message.data() + sizeof head + sizeof row, poses.data(), poses.size_bytes());
+  return std::make_shared<const std::string>(std::move(message));
+}
+
 /// Header and rows as twin/live/README.md says.
 void Viewer::make_batch() {
   static_assert(std::endian::native == std::endian::little);
@@ -132,23 +144,25 @@ void Viewer::send() {
   if (!texts_.empty()) {
     sent_ = std::move(texts_.front());
     texts_.pop_front();
-    return write(true);
+    return write(true, asio::buffer(*sent_));
   }
   if (Text& next = status_ ? status_ : law_) {
     sent_ = std::exchange(next, nullptr);
-    return write(true);
+    return write(true, asio::buffer(*sent_));
   }
-  if (!rows_due_ || row_count_ == 0) return;
-  rows_due_ = false;
-  make_batch();
-  write(false);
+  if (rows_due_ && row_count_ > 0) {
+    rows_due_ = false;
+    make_batch();
+    return write(false, asio::buffer(batch_));
+  }
+  if (!poses_) return;
+  sent_ = std::exchange(poses_, nullptr);
+  write(false, asio::buffer(*sent_));
 }
 
-void Viewer::write(bool text) {
+void Viewer::write(bool text, asio::const_buffer what) {
   writing_ = true;
   socket_.text(text);
-  const asio::const_buffer what =
-      text ? asio::const_buffer(asio::buffer(*sent_)) : asio::const_buffer(asio::buffer(batch_));
   socket_.async_write(what, [self = shared_from_this()](error_code error, std::size_t) {
     self->writing_ = false;
     if (error) return self->closing_ ? void() : self->drop();

@@ -18,6 +18,9 @@ using Stream =
 
 inline constexpr const char* subprotocol = "tribotwin.live.v1";
 
+/// A binary message of kind 2, as twin/live/README.md says.
+Text pose_message(std::uint64_t row, std::span<const float> poses);
+
 /// A page that listens. What it cannot take in time is lost to it: rows first, in whole batches.
 class Viewer : public std::enable_shared_from_this<Viewer> {
  public:
@@ -36,11 +39,13 @@ class Viewer : public std::enable_shared_from_this<Viewer> {
   const std::optional<std::size_t>& watched() const { return watched_; }
   /// Takes the place of a law that was not sent yet.
   void tell_law(Text text) { law_ = std::move(text), send(); }
+  /// Take the place of those that were not sent yet.
+  void tell_poses(Text poses) { poses_ = std::move(poses), send(); }
   void add_row(std::uint64_t number, std::span<const double> row);
   /// The rows that wait may be sent: the rate of batches is that of these calls.
   void send_rows();
   /// Nothing waits for it.
-  bool idle() const { return !writing_ && texts_.empty() && !status_ && !law_ && row_count_ == 0; }
+  bool idle() const { return !writing_ && texts_.empty() && !status_ && !law_ && !poses_ && row_count_ == 0; }
   void close(CloseCode code, const char* reason);
 
  private:
@@ -48,7 +53,7 @@ class Viewer : public std::enable_shared_from_this<Viewer> {
   void heard(boost::beast::error_code error);
   void obey(const std::string& text);
   void send();
-  void write(bool text);
+  void write(bool text, boost::asio::const_buffer what);
   void drop();
   bool too_fast();
   void make_batch();
@@ -60,7 +65,7 @@ class Viewer : public std::enable_shared_from_this<Viewer> {
   Request request_;
   boost::beast::flat_buffer heard_;
   std::deque<Text> texts_;
-  Text status_, law_, sent_;
+  Text status_, law_, poses_, sent_;
   std::optional<std::size_t> watched_;
   std::vector<double> rows_;
   std::uint64_t first_row_ = 0;
