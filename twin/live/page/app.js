@@ -8,12 +8,14 @@ import { duration, number, showNumber } from './format.js';
 import { Friction } from './friction.js';
 import { Plots } from './plots.js';
 import { Ring } from './rows.js';
+import { Scene } from './scene.js';
 import { Tiles, showWrong } from './tiles.js';
 
 const textEvery_ms = 100;  // faster, nobody reads numbers
 const drawingShare = 2;    // of the time at most half goes into drawing
 
 const page = { hello: null, status: null, link: { up: false, text: 'connecting' }, problem: null };
+page.scene = new Scene((joint) => choose(joint));
 const counts = { rows: number('rows'), lost: number('rows_lost') };
 
 /// A hello of another session, or of other columns, begins anew; that of the same session goes on.
@@ -36,6 +38,13 @@ function begin(hello) {
   if (joints.length) page.friction.choose(joints.includes(watched) ? watched : joints[0]);
 }
 
+/// The joint that somebody picked, in the picture, on its tile or in the list.
+function choose(joint) {
+  page.friction.choose(joint);
+  page.scene.select(joint);
+  for (const { name } of page.hello.joints) byId('drive_' + name).classList.toggle('selected', name === joint);
+}
+
 function build(hello) {
   page.ring = new Ring(hello.columns.length);
   page.columns = new Map(hello.columns.map((column, i) => [`${column.joint} ${column.name}`, i]));
@@ -43,7 +52,9 @@ function build(hello) {
   page.friction?.size.disconnect();
   page.plots = new Plots(hello, page.ring, page.events);
   page.friction = new Friction(hello, page.ring, (joint) => page.connection.send({ type: 'watch', joint }));
-  page.tiles = new Tiles(hello, (joint) => page.friction.choose(joint));
+  page.tiles = new Tiles(hello, choose);
+  byId('watched').onchange = ({ target }) => choose(target.value);
+  page.scene.begin(hello);
 }
 
 const messages = {
@@ -72,7 +83,9 @@ function showText() {
   if (link.stale) wrong.push(['connection', 'silent: what is shown is old', 'connection']);
   if (page.problem) wrong.push(['connection', page.problem, 'connection']);
   if (page.hello) {
-    wrong.push(...page.tiles.show(status, newest), ...page.buses.show(status));
+    const drives = page.tiles.show(status, newest);
+    wrong.push(...drives, ...page.buses.show(status));
+    page.scene.show(newest, drives, page.tiles.warmest);
     setText(byId('simulated'), duration(status?.simulated_s));
     byId('simulated').title = status ? `${status.simulated_s} s` : '';
     setText(byId('wall'), duration(status?.wall_s));
@@ -99,6 +112,7 @@ function frame(now) {
     drawnRows = page.ring.written;
     nextDrawing = now + (drawingShare - 1) * (performance.now() - begin);
   }
+  page.scene.draw(now);
   if (now >= nextText) {
     showText();
     nextText = now + textEvery_ms;
@@ -119,6 +133,7 @@ addEventListener('keydown', (event) => {
 matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
   page.plots?.retheme();
   page.friction?.draw();
+  page.scene.retheme();
 });
 
 byId('rows').append(counts.rows);
@@ -127,6 +142,7 @@ byId('retry').onclick = () => page.connection.retry();
 page.connection = new Connection({
   message: (message) => messages[message.type]?.(message),
   rows: (rows) => page.ring?.add(rows),
+  poses: (poses) => page.scene.poses(poses),
   state: (link) => {
     page.link = link;
     if (!link.up) page.acting?.abandon();

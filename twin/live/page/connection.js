@@ -1,9 +1,9 @@
 // The WebSocket: opened again after it was lost, at growing intervals.
-import { decode } from './rows.js';
+import { decode, decodePoses } from './rows.js';
 
 const firstWait_ms = 250, longestWait_ms = 5000, silence_ms = 4000;
 
-/// Calls on.message(object), on.rows(decoded), on.state({up, text, waiting}), on.problem(text).
+/// Calls on.message(object), on.rows(decoded), on.poses(decoded), on.state({up, text, waiting}), on.problem(text).
 export class Connection {
   constructor(on) {
     this.on = on;
@@ -32,7 +32,9 @@ export class Connection {
     this.heard = performance.now();
     this.wait_ms = firstWait_ms;
     try {
-      if (data instanceof ArrayBuffer) this.on.rows(decode(data));
+      const poses = data instanceof ArrayBuffer ? decodePoses(data) : null;
+      if (poses) this.on.poses(poses);
+      else if (data instanceof ArrayBuffer) this.on.rows(decode(data));
       else this.on.message(JSON.parse(data));
     } catch (problem) {
       this.on.problem(`A message was not understood: ${problem.message}`);

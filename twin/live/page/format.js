@@ -10,9 +10,10 @@ export const isNumber = (value) => typeof value === 'number' && Number.isFinite(
 export function rounded(value, unit) {
   if (!isNumber(value)) return '–';
   let digits = places[unit] ?? 2;
-  if (unit === 'Nm' && value !== 0) digits = Math.min(6, Math.max(1, 3 - Math.floor(Math.log10(Math.abs(value)))));
+  if (unit === 'Nm' && Math.abs(value) >= 1e-6)
+    digits = Math.min(6, Math.max(1, 3 - Math.floor(Math.log10(Math.abs(value)))));
   const text = unit ? value.toFixed(digits) : String(value);
-  return text.replace('-', '−');
+  return /[1-9]/.test(text) ? text.replace('-', '−') : text.replace('-', '');  // 0 has no sign
 }
 
 export const withUnit = (value, unit) => (isNumber(value) ? `${rounded(value, unit)} ${unitText(unit)}` : '–');

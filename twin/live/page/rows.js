@@ -14,6 +14,17 @@ export function decode(buffer) {
   return { first: Number(view.getBigUint64(16, true)), rows, columns, values: values(buffer, rows * columns) };
 }
 
+/// Of kind 2, poses: {row, bodies, values}, seven numbers a body; null where it is no message of poses.
+export function decodePoses(buffer) {
+  const view = new DataView(buffer), head = 16;
+  if (buffer.byteLength < head || view.getUint32(0, true) !== 2) return null;
+  const bodies = view.getUint32(4, true), count = 7 * bodies;
+  if (buffer.byteLength !== head + 4 * count) throw new Error(`${bodies} poses in ${buffer.byteLength} bytes`);
+  const values = littleEndian ? new Float32Array(buffer, head, count)
+    : Float32Array.from({ length: count }, (_, i) => view.getFloat32(head + 4 * i, true));
+  return { row: Number(view.getBigUint64(8, true)), bodies, values };
+}
+
 const littleEndian = new Uint8Array(new Uint16Array([1]).buffer)[0] === 1;
 function values(buffer, count) {
   if (littleEndian) return new Float64Array(buffer, headBytes, count);
