@@ -66,5 +66,44 @@ TEST(Queue, RefusesWhatHasNoRoom) {
   EXPECT_FALSE(queue.take());
 }
 
+TEST(Newest, GivesTheNewestOnceAndWhole) {
+  Newest newest(3);
+  std::uint64_t got = 0;
+  const auto take = [&](std::uint64_t number, std::span<const float> values) {
+    got = number;
+    for (const float value : values) EXPECT_EQ(value, static_cast<float>(number));
+  };
+  const auto write = [&](std::uint64_t number) {
+    newest.write(number, [&](std::span<float> to) { std::ranges::fill(to, static_cast<float>(number)); });
+  };
+  EXPECT_FALSE(newest.read(take));
+  for (std::uint64_t i = 1; i <= 5; ++i) write(i);
+  EXPECT_TRUE(newest.read(take));
+  EXPECT_EQ(got, 5);
+  EXPECT_FALSE(newest.read(take));
+  write(6);
+  EXPECT_TRUE(newest.read(take));
+  EXPECT_EQ(got, 6);
+}
+
+TEST(Newest, IsWholeBetweenThreads) {
+  constexpr std::uint64_t count = 300'000;
+  Newest newest(7);
+  std::thread writer([&] {
+    for (std::uint64_t i = 1; i <= count; ++i)
+      newest.write(i, [&](std::span<float> to) { std::ranges::fill(to, static_cast<float>(i)); });
+  });
+  std::uint64_t last = 0, torn = 0, old = 0;
+  while (last < count)
+    newest.read([&](std::uint64_t number, std::span<const float> values) {
+      for (const float value : values) torn += value != static_cast<float>(number);
+      old += number <= last;
+      last = number;
+    });
+  writer.join();
+  EXPECT_EQ(torn, 0);
+  EXPECT_EQ(old, 0);
+}
+
 }  // namespace
 }  // namespace tribotwin::twin::live

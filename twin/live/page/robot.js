@@ -1,6 +1,6 @@
 // geometry.json as objects of three.js: a group per body, housings with a material of their joint.
 
-/// Lubricated housings glow for two thirds, so that light and shadow change their colour little: as in tribotwin-report.
+/// Housings glow for two thirds, so that light and shadow change their colour little: as in tribotwin-report.
 const glowing = 0.7, lit = 0.35;
 const round = 40;  // sides of a circle
 

@@ -43,7 +43,7 @@ export class Scene {
       this.dirty = true;
     };
     new ResizeObserver(() => { this.dirty = true; }).observe(this.canvas);
-    new IntersectionObserver(([seen]) => { this.seen = seen.isIntersecting; }).observe(this.canvas);
+    new IntersectionObserver((seen) => { this.seen = seen.at(-1).isIntersecting; }).observe(this.canvas);
   }
 
   say(text) {
@@ -95,16 +95,23 @@ export class Scene {
   forget() {
     this.newest = this.scale = null;
     if (!this.robot) return;
-    this.scene.remove(this.robot.root, this.floor);
+    this.scene.remove(this.robot.root);
     this.robot.dispose();
-    this.floor.geometry.dispose();
-    this.floor.material.dispose();
+    this.forgetFloor();
     this.renderer.renderLists.dispose();
-    this.robot = this.floor = null;
+    this.robot = null;
     this.selected = this.warmest = null;
     for (const map of [this.wrong, this.values, this.labels]) map.clear();
     byId('scene_labels').replaceChildren();
     byId('scene_lines').replaceChildren();
+  }
+
+  forgetFloor() {
+    if (!this.floor) return;
+    this.scene.remove(this.floor);
+    this.floor.geometry.dispose();
+    this.floor.material.dispose();
+    this.floor = null;
   }
 
   build(geometry) {
@@ -143,7 +150,7 @@ export class Scene {
     const ball = box.getBoundingSphere(new THREE.Sphere());
     this.radius = Math.max(ball.radius, 1e-3);
     this.orbit.place(ball.center.toArray(), this.distance(box, ball.center), this.eye);
-    this.floor?.geometry.dispose();
+    this.forgetFloor();
     const size = 10 ** Math.ceil(Math.log10(this.radius)) / 2;
     const lines = 2 * Math.ceil(2.2 * this.radius / size * 5);
     this.floor = new THREE.GridHelper(lines * size / 5, lines);

@@ -1,14 +1,15 @@
 """A tab of Debian's chromium, driven over its DevTools socket."""
 import base64, itertools, json, os, subprocess, threading, time, urllib.request
 
-import frames
+import frames, png
 
 
 class Browser:
-    def __init__(self, folder):
+    def __init__(self, folder, *more):
         self.folder = os.path.join(folder, "browser")
         self.process = subprocess.Popen(
             ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+            + ["--enable-unsafe-swiftshader", *more]  # WebGL without a graphics card
             + ["--remote-debugging-port=0", "--hide-scrollbars", "--user-data-dir=" + self.folder, "about:blank"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -77,6 +78,9 @@ class Tab:
         elif method == "Runtime.consoleAPICalled" and event["type"] in ("error", "warning", "assert"):
             self.console.append(str([a.get("value") for a in event["args"]]))
         elif method == "Log.entryAdded" and event["entry"]["level"] in ("error", "warning"):
+            # Of the processor that draws in place of a graphics card: it reads back what it drew.
+            if "GL Driver Message (OpenGL, Performance" in event["entry"]["text"]:
+                return
             self.console.append(event["entry"]["text"] + " " + event["entry"].get("url", ""))
         elif method == "Network.requestWillBeSent":
             self.requests.append(event["request"]["url"])
@@ -133,6 +137,23 @@ class Tab:
 
     def mouse(self, kind, x, y, **more):
         self.command("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+
+    def drag(self, x, y, by_x, by_y, button="left"):
+        held = {"left": 1, "right": 2}[button]
+        self.mouse("mousePressed", x, y, button=button, clickCount=1)
+        self.mouse("mouseMoved", x + by_x / 2, y + by_y / 2, button=button, buttons=held)
+        self.mouse("mouseMoved", x + by_x, y + by_y, button=button, buttons=held)
+        self.mouse("mouseReleased", x + by_x, y + by_y, button=button, clickCount=1)
+
+    def pixels(self, selector):
+        """What is seen of an element: rows of (red, green, blue), as an array."""
+        box = self.value(
+            f"""(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{block: 'center'}});
+          const r = e.getBoundingClientRect(); return [r.x + scrollX, r.y + scrollY, r.width, r.height]; }})()"""
+        )
+        clip = dict(zip(("x", "y", "width", "height"), box), scale=1)
+        shot = self.command("Page.captureScreenshot", format="png", clip=clip, captureBeyondViewport=True)
+        return png.pixels(base64.b64decode(shot["data"]))
 
     def picture(self, file, whole=True):
         shot = self.command("Page.captureScreenshot", format="png", captureBeyondViewport=whole)

@@ -3,7 +3,10 @@ import http.server, json, os, struct, threading
 
 import frames
 
-DYGRAPHS = "/usr/share/javascript/dygraphs/dygraph.min.js"
+LIBRARIES = {
+    "dygraph.min.js": "/usr/share/javascript/dygraphs/dygraph.min.js",
+    "three.min.js": "/usr/share/javascript/three/three.min.js",
+}
 TYPES = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
@@ -21,6 +24,21 @@ QUANTITIES = [
 COMMANDS = ["pause", "resume", "step", "marker", "fault", "ambient", "payload", "wear"]
 
 
+def geometry(joints):
+    """A tower of joints, 1 m each: a red box each, and a housing beside it that sticks out."""
+    box = {"name": "", "type": "box", "quat": [1, 0, 0, 0], "mesh": None, "housing": None}
+    bodies = [{"name": "world", "parent": 0, "joint": None, "geoms": []}]
+    for j in range(joints):
+        own = {**box, "size": [0.2, 0.2, 0.45], "pos": [0, 0, 0.5], "rgba": [0.8, 0.1, 0.1, 1]}
+        housing = {**own, "type": "sphere", "size": [0.3, 0, 0], "housing": f"joint{j + 1}", "pos": [0, -0.3, 0.5]}
+        bodies.append({"name": f"link{j}", "parent": j, "joint": f"joint{j + 1}", "geoms": [own, housing]})
+    tent = {"name": "tent", "vertices": [0, 0, 0, 0.5, 0, 0, 0, 0.5, 0, 0, 0, 0.5], "faces_of_model": 9}
+    tent["faces"] = [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3]
+    bodies[1]["geoms"].append({**box, "type": "mesh", "size": [1, 1, 1], "pos": [0.3, 0, 0], "rgba": [0, 1, 0, 1]})
+    bodies[1]["geoms"][-1]["mesh"] = 0
+    return {"bodies": bodies, "meshes": [tent], "left_out": 0, "eye": [0, -1, 0]}
+
+
 def hello(joints=6, **changes):
     columns = [{"joint": None, "name": "time_s", "unit": "s"}]
     names = [f"joint{i + 1}" for i in range(joints)]
@@ -36,6 +54,7 @@ def hello(joints=6, **changes):
         "commands": COMMANDS,
         "joints": [{"name": j, "law": "load", "limit_degC": 120.0, "gear_ratio": 100.0} for j in names],
         "columns": columns,
+        "bodies": joints + 1,
         **changes,
     }
 
@@ -52,13 +71,17 @@ class Handler(http.server.BaseHTTPRequestHandler):
         if path == "/live":
             return self.live(bench)
         name = "index.html" if path == "/" else path[1:]
-        file = DYGRAPHS if name == "dygraph.min.js" else os.path.join(bench.folder, name)
+        if name == "geometry.json" and bench.geometry:
+            return self.answer("application/json", json.dumps(bench.geometry).encode())
+        file = LIBRARIES.get(name) or os.path.join(bench.folder, name)
         kind = TYPES.get(os.path.splitext(name)[1])
         if "/" in name or not kind or not os.path.isfile(file):
             bench.not_found.append(self.path)
             return self.send_error(404)
         with open(file, "rb") as f:
-            body = f.read()
+            self.answer(kind, f.read())
+
+    def answer(self, kind, body):
         self.send_response(200)
         for key, value in (("Content-Type", kind), ("Content-Length", len(body)), ("Content-Security-Policy", POLICY)):
             self.send_header(key, str(value))
@@ -90,6 +113,7 @@ class MockBench:
         self.folder, self.hello, self.viewers = folder, said_hello, set()
         self.messages, self.not_found, self.events = [], [], []
         self.refuse = set()  # names of commands
+        self.geometry = geometry(len(said_hello["joints"]))
         http.server.ThreadingHTTPServer.allow_reuse_address = True
         self.server = http.server.ThreadingHTTPServer(("127.0.0.1", port), Handler)
         self.server.daemon_threads, self.server.bench = True, self
@@ -124,6 +148,14 @@ class MockBench:
         columns = len(self.hello["columns"])
         head = struct.pack("<IIIIQ", 1, len(rows), columns, 0, first)
         self.tell(head + b"".join(struct.pack(f"<{columns}d", *row) for row in rows))
+
+    def poses(self, row, shift):
+        """The tower, `shift` [m] to the right."""
+        bodies = len(self.geometry["bodies"])
+        head = struct.pack("<IIQ", 2, bodies, row)
+        self.tell(
+            head + b"".join(struct.pack("<7f", shift * (j > 0), 0, max(0, j - 1), 1, 0, 0, 0) for j in range(bodies))
+        )
 
     def kill(self):
         """As a killed process: the port is free, every connection is cut."""

@@ -2,7 +2,7 @@
 import json, math, sys
 
 from harness import check, finish, path, work
-import devtools, mock_bench
+import devtools, mock_bench, scene_checks
 
 JOINTS = 6
 TEMPERATURES = [41.2, 74.6, 55.123456789012345, 38.9, 113.4, 47.7]
@@ -229,7 +229,7 @@ def check_reconnect(tab, bench, folder):
     check("a lost connection is said where it cannot be missed", tab.until(lost + ".startsWith('connection lost')"),
           tab.value(lost))  # fmt: skip
     shown = values(tab, "#drive_joint2")["temperature_degC"]
-    check("the last numbers stay", shown == row(1500)[12], shown)
+    check("the last numbers stay", shown == row(1502)[12], shown)
     submit(tab, "resume")
     answer = tab.value("document.querySelector('#answers li').textContent")
     check(
@@ -316,15 +316,26 @@ def main():
         check_numbers(tab, bench)
         check_first_sight(tab)
         check_residual(tab, bench)
+        scene_checks.check_drawing(tab, bench)
         check_lost_rows(tab, bench)
         check_plots(tab)
         check_law(tab, bench)
         check_commands(tab, bench)
         check_events(tab, bench)
+        scene_checks.check_hands(tab)
+        scene_checks.check_colours(tab, bench, row)
+        scene_checks.check_choice(tab)
+        scene_checks.check_hidden(tab, bench)
+        bench.rows(1502, [row(1502)])
         check_widths(tab)
+        scene_checks.check_without_webgl(folder, f"http://127.0.0.1:{bench.port}/", work)
+        shapes = int(tab.value(scene_checks.CANVAS + ".dataset.geometries"))
         check("no console message", not tab.console, tab.console)
         missing = bench.not_found
         bench = check_reconnect(tab, bench, folder)
+        bench.poses(50, 0)
+        scene_checks.drawn(tab, 50)
+        scene_checks.check_freed(tab, shapes)
         own = (f"http://127.0.0.1:{bench.port}/", f"ws://127.0.0.1:{bench.port}/", "data:,")
         check(
             "no request to anywhere else", tab.requests and all(r.startswith(own) for r in tab.requests), tab.requests
