@@ -136,6 +136,16 @@ matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
   page.scene.retheme();
 });
 
+// On paper the histories keep the height that they were drawn with.
+const keepHeights = (keep) => {
+  for (const area of document.querySelectorAll('.area')) area.style.height = keep ? `${area.clientHeight}px` : '';
+};
+addEventListener('beforeprint', () => {
+  keepHeights(true);
+  page.scene.print();
+});
+addEventListener('afterprint', () => keepHeights(false));
+
 byId('rows').append(counts.rows);
 byId('lost').append(counts.lost);
 byId('retry').onclick = () => page.connection.retry();

@@ -108,7 +108,7 @@ export class Robot {
     const rim = new this.THREE.Mesh(part.geometry, housing.edge);
     part.geometry.computeBoundingBox();
     const size = part.geometry.boundingBox.getSize(new this.THREE.Vector3());
-    const thick = 0.12 * Math.max(size.x, size.y, size.z);
+    const thick = 0.18 * Math.max(size.x, size.y, size.z);
     rim.scale.set(...[size.x, size.y, size.z].map((side) => (side > 0 ? (side + thick) / side : 1)));
     rim.visible = false;
     part.add(rim);

@@ -226,11 +226,15 @@ export class Scene {
 
   /// To be called with every picture of the browser.
   draw(now) {
-    if (!this.dirty || !this.robot || !this.newest || document.hidden || !this.seen || now < (this.next ?? 0)) return;
+    if (!this.dirty || document.hidden || !this.seen || now < (this.next ?? 0)) return;
+    this.next = this.software ? now + softwareEvery_ms : 0;
+    this.render();
+  }
+
+  render() {
     const { canvas, renderer, camera, orbit, robot } = this;
     const width = canvas.clientWidth, height = canvas.clientHeight;
-    if (!width || !height) return;
-    this.dirty = false;
+    if (!robot || !this.newest || !width || !height) return;
     if (this.newest.bodies !== robot.bodies.length) return this.say('Poses of another robot came.');
     robot.pose(this.newest.values);
     this.resize(width, height);
@@ -245,10 +249,17 @@ export class Scene {
     camera.updateMatrixWorld();
     renderer.render(this.scene, camera);
     this.placeLabels(width, height);
-    this.next = this.software ? now + softwareEvery_ms : 0;
     this.dirty = false;
     Object.assign(canvas.dataset, { row: this.newest.row, drawings: ++this.drawings,
       geometries: renderer.info.memory.geometries });
+  }
+
+  /// A copy for paper: what WebGL has drawn is gone once it was shown.
+  print() {
+    this.render();
+    const paper = byId('scene_print'), { width, height } = this.canvas;
+    Object.assign(paper, { width, height });
+    if (this.drawings) paper.getContext('2d').drawImage(this.canvas, 0, 0);
   }
 
   resize(width, height) {

@@ -21,7 +21,8 @@ function limitText(drive, joint, temperature_degC) {
   const room_K = joint.limit_degC - temperature_degC;
   if (!(room_K > 0)) return `limit ${withUnit(joint.limit_degC, 'degC')}: exceeded`;
   const near = room_K < warning_K ? 'warm: ' : '';
-  const when = isNumber(drive?.time_to_limit_s) ? `, reached in ${duration(drive.time_to_limit_s)}` : ', not in sight';
+  const when = isNumber(drive?.time_to_limit_s) ? `, reached in ${duration(drive.time_to_limit_s)}`
+    : drive?.time_to_limit_s === null ? ', not reached at this loss' : '';
   return `${near}${withUnit(room_K, 'K')} below ${withUnit(joint.limit_degC, 'degC')}${when}`;
 }
 
@@ -36,7 +37,9 @@ const facts = [
 const ofDrive = (name) => name.startsWith('target.') || name === 'following_error_rad';
 const ofResidual = (name) => name.startsWith('residual.');
 
-const busName = ({ bus }) => (bus === null || bus === undefined ? '' : isNumber(bus) ? `bus ${bus} ` : `${bus} `);
+// With spaces at which no line ends.
+const busName = ({ bus }) =>
+  (bus === null || bus === undefined ? '' : isNumber(bus) ? `bus\u00a0${bus}\u00a0` : `${bus}\u00a0`);
 
 class Tile {
   constructor(joint, columns, choose) {
@@ -91,7 +94,7 @@ class Tile {
     const bus = drive && drive.state !== null && drive.state !== undefined;
     setText(this.state, bus ? words(drive.state) : residual ? 'listened to on a bus' : 'simulated, not on a bus');
     const [mode, modeWords] = modeText(drive?.mode);
-    setText(this.network, bus ? `NMT ${words(drive.nmt)} · ${mode} · ${busName(drive)}node ${drive.node}` : '');
+    setText(this.network, bus ? `NMT ${words(drive.nmt)} · ${mode} · ${busName(drive)}node\u00a0${drive.node}` : '');
     this.network.title = bus ? modeWords : '';
     this.fault.hidden = wrong.length === 0;
     setText(this.fault, wrong.length ? '✖ ' + wrong.join('; ') : '');

@@ -83,7 +83,7 @@ def check_first_sight(tab):
     check("one tile is wrong, one is warmest", marked == [["drive_joint3"], ["drive_joint5"]], marked)
     tile = tab.value("document.querySelector('#drive_joint3').innerText")
     check("its tile says state, NMT, mode and node", all(
-        s in tile for s in ("fault", "NMT operational · CSP · can0 node 3", "brake\nset")), tile)  # fmt: skip
+        s in tile for s in ("fault", "NMT operational · CSP · can0\u00a0node\u00a03", "brake\nset")), tile)  # fmt: skip
     red = """[...document.querySelectorAll('.tile *')].filter(e => e.offsetParent && getComputedStyle(e).color ===
       getComputedStyle(document.querySelector('.tile .fault:not([hidden])')).color).map(e => e.closest('.tile').id)"""
     check("red is on that tile alone", set(tab.value(red)) == {"drive_joint3"}, tab.value(red))
