@@ -99,11 +99,17 @@ class Runner {
       if (options_.sample && k % every_ == 0) options_.sample(twin_, static_cast<double>(k) * timestep_s_);
       watch_transmissions();
       if (k % 1024 == 0) report();
-      if (options_.realtime)
-        std::this_thread::sleep_until(
-            started_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(twin_.time_s())));
+      if (options_.realtime) keep_pace();
     }
     return {};
+  }
+
+  /// Waits until the clock is where the twin is: hours, after skipped cycles. Sleeps are short, for `stop`.
+  void keep_pace() const {
+    const auto due =
+        started_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(twin_.time_s()));
+    for (auto now = Clock::now(); now < due && !stopped(); now = Clock::now())
+      std::this_thread::sleep_until(std::min(due, now + std::chrono::milliseconds(50)));
   }
 
   void watch_transmissions() {

@@ -1,6 +1,8 @@
+#include <atomic>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
+#include <future>
 #include <thread>
 
 #include <gmock/gmock.h>
@@ -232,6 +234,21 @@ TEST(Twin, FinishesAtTheScenariosEnd) {
   EXPECT_EQ(twin.status(), Status::finished);
   EXPECT_EQ(twin.step(), Status::finished);
   EXPECT_EQ(twin.steps(), 50);
+}
+
+TEST(Realtime, StopsWhileItWaitsForSkippedCycles) {
+  std::atomic<bool> stop = false;
+  std::atomic<int> cycles = 0;
+  auto ran = std::async(std::launch::async, [&] {
+    return run(load_scenario(scenarios / "irb6620_warmup.yaml").value(),
+               {.realtime = true, .stop = &stop, .cycle = [&](double, std::span<const CycleSample>) { ++cycles; }});
+  });
+  while (cycles < 1)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));  // it is computed, others follow from it
+  std::this_thread::sleep_for(std::chrono::seconds(1));
+  stop = true;
+  EXPECT_EQ(ran.wait_for(std::chrono::seconds(30)), std::future_status::ready);
+  EXPECT_TRUE(ran.get()->interrupted);
 }
 
 TEST(Divergence, StopsWithStepJointAndState) {
