@@ -73,7 +73,7 @@ Mesh clustered(const Mesh& mesh, int cells) {
 /// With at most so many triangles.
 Mesh simplified(const Mesh& mesh, std::size_t triangles) {
   if (mesh.faces.size() <= triangles || mesh.vertices.empty()) return mesh;
-  for (double cells = 1 + std::sqrt(static_cast<double>(triangles)); cells >= 1; cells *= 0.85) {
+  for (double cells = 1 + std::sqrt(static_cast<double>(triangles)); cells >= 1; cells *= 0.95) {
     Mesh made = clustered(mesh, static_cast<int>(cells));
     if (made.faces.size() <= triangles) return made;
   }

@@ -63,7 +63,7 @@ export class Robot {
     group.matrixAutoUpdate = false;
     for (const geom of body.geoms) {
       const endless = geom.type === 'plane' && !(geom.size[0] > 0 && geom.size[1] > 0);
-      if (endless) continue;  // the floor is drawn by the scene
+      if (endless || (geom.type === 'plane' && index === 0)) continue;  // the floor is drawn by the scene
       const part = this.part(geom);
       part.userData = { joint: geom.housing ?? this.joints[index], fixed: index === 0 };
       group.add(part);

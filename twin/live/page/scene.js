@@ -122,8 +122,8 @@ export class Scene {
     for (const joint of this.joints) this.label(joint);
     const simpler = geometry.meshes.filter((mesh) => mesh.faces.length / 3 < mesh.faces_of_model).length;
     const notes = [simpler && `${simpler} of ${geometry.meshes.length} meshes are drawn simplified`,
-      geometry.left_out && `${geometry.left_out} shapes of the model are not drawn`];
-    setText(byId('scene_notes'), notes.filter(Boolean).join('; '));
+      geometry.left_out && `shapes of the model that are not drawn: ${geometry.left_out}`];
+    setText(byId('scene_notes'), notes.filter(Boolean).map((note) => '; ' + note).join(''));
     this.say('');
     this.colour();
     this.mark();
@@ -288,12 +288,14 @@ export class Scene {
     }
     for (const { label: { box, line }, at } of placed.filter((each) => each.shown).sort((a, b) => b.at.y - a.at.y)) {
       const x = (at.x + 1) / 2 * width, y = (1 - at.y) / 2 * height, w = box.offsetWidth, h = box.offsetHeight;
-      const left = Math.min(width - w - 4, Math.max(4, x < width / 2 ? x - w - 28 : x + 28));
+      const crowd = taken.reduce((sum, t) => sum + (t.onLeft ? 1 : -1), 0);  // on the left, above that on the right
+      const onLeft = x + 28 + w > width || (x - 28 - w > 0 && (x < width / 2 ? crowd < 2 : crowd < -1));
+      const left = Math.min(width - w - 4, Math.max(4, onLeft ? x - w - 28 : x + 28));
       let top = Math.min(height - h - 4, Math.max(4, y - h / 2));
       const over = () => taken.find((t) => left < t.left + t.w + 4 && t.left < left + w + 4 &&
         top < t.top + t.h + 4 && t.top < top + h + 4);
       for (let tries = 0, hit; tries < 20 && (hit = over()); ++tries) top = hit.top + hit.h + 5;
-      taken.push({ left, top, w, h });
+      taken.push({ left, top, w, h, onLeft });
       Object.assign(box.style, { left: `${left}px`, top: `${top}px` });
       const ends = { x1: x, y1: y, x2: left < x ? Math.min(x, left + w) : left, y2: top + h / 2 };
       for (const [name, value] of Object.entries(ends)) line.setAttribute(name, value.toFixed(1));

@@ -46,7 +46,7 @@ def check_drawing(tab, bench):
           tab.value("document.querySelector('#scene_marks').innerText.split(/\\s+/)") == ["20", "40", "60", "80", "100",
           "120"])  # fmt: skip
     check("what was simplified is said", tab.value("document.querySelector('#scene_notes').textContent")
-          == "1 of 1 meshes are drawn simplified")  # fmt: skip
+          == "; 1 of 1 meshes are drawn simplified")  # fmt: skip
     labels = tab.value("[...document.querySelectorAll('.scene_label')].filter(l => !l.hidden).map(l => l.innerText)")
     check("the warmest joint and the one in fault have labels", labels == ["✖ joint3 55.1 °C", "joint5 113.4 °C warmest"],
           labels)  # fmt: skip
