@@ -70,7 +70,7 @@ Result<Exit> export_record(const std::string& directory, const Destination& opti
 }
 
 /// The record as MCAP: in `output`, or beside the record.
-Result<Exit> export_messages(const std::string& directory, Destination output) {
+Result<Exit> export_messages(const std::string& directory, Destination output, McapMessages messages) {
   require_record(directory);
   const std::filesystem::path record = std::filesystem::path(directory) / "telemetry.h5";
   if (!output.named()) output.file = (std::filesystem::path(directory) / "telemetry.mcap").string();
@@ -78,7 +78,8 @@ Result<Exit> export_messages(const std::string& directory, Destination output) {
   FolderLock lock;
   or_fail(lock.take(directory));
   Progress progress(false);
-  const auto written = export_mcap(directory, output.file, output.existing(), [&](double share) { progress(share); });
+  const auto written =
+      export_mcap(directory, output.file, output.existing(), messages, [&](double share) { progress(share); });
   if (!written) return work_failed(written.error().message);
   if (output.json) return deliver(files_json(std::array{output.file}));
   print("{}\n", output.file);
@@ -212,6 +213,7 @@ struct ExportArguments {
   std::uint64_t seed = 1;
   std::optional<double> temperature_degC, speed_max_rad_s;
   bool csv = false, mjcf = false, recording = false, native = false, mcap = false;
+  std::string messages = "ros2";
 };
 
 /// What the controller of --recording measures with.
@@ -230,6 +232,18 @@ void add_sensors(CLI::App& command, CLI::Option* recording, ExportArguments& a) 
       ->check(CLI::Range(0.0, 10.0))
       ->needs(recording);
   command.add_option("--seed", a.seed, "Seed of the noise")->needs(recording);
+}
+
+void add_mcap(CLI::App& command, std::initializer_list<CLI::Option*> others, ExportArguments& a) {
+  auto* mcap = command.add_flag("--mcap", a.mcap, "telemetry.mcap for ROS 2, Foxglove and Lichtblick");
+  for (auto* other : others) mcap->excludes(other);
+  command
+      .add_option("--messages", a.messages,
+                  "Of the .mcap: ros2 (/joint_states and /dynamic_joint_states), or json (/joints/NAME, as --web sends "
+                  "them to Foxglove and Lichtblick)")
+      ->check(CLI::IsMember({"ros2", "json"}))
+      ->capture_default_str()
+      ->needs(mcap);
 }
 
 }  // namespace
@@ -270,13 +284,7 @@ void add_export(CLI::App& app, int& code) {
                      ->excludes(csv)
                      ->excludes(mjcf)
                      ->excludes(recording);
-  command
-      ->add_flag("--mcap", a->mcap,
-                 "telemetry.mcap for ROS 2, Foxglove and Lichtblick: /joint_states and /dynamic_joint_states")
-      ->excludes(csv)
-      ->excludes(mjcf)
-      ->excludes(recording)
-      ->excludes(native);
+  add_mcap(*command, {csv, mjcf, recording, native}, *a);
   command
       ->add_option("--temperature", a->temperature_degC,
                    "Temperature of that friction [degC] (default: T_amb, within the range of the law)")
@@ -312,9 +320,10 @@ void add_export(CLI::App& app, int& code) {
           "export needs --csv, --mcap or --recording (of a run), --mjcf (of PARAMS.yaml) or --native (of MODEL.xml)");
     if (!(a->csv || a->mcap) || a->output.named())
       check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
+    const auto messages = a->messages == "json" ? McapMessages::json : McapMessages::ros2;
     code = or_throw(a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
                     : a->csv     ? export_record(a->from, a->output)
-                    : a->mcap    ? export_messages(a->from, a->output)
+                    : a->mcap    ? export_messages(a->from, a->output, messages)
                     : a->native
                         ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
                         : export_elements(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));

@@ -94,6 +94,18 @@ bool equal_in_constant_time(std::string_view a, std::string_view b) {
   return differs == 0;
 }
 
+bool is_origin(std::string_view text) {
+  if (text == "file://") return true;
+  const auto colon = text.find("://");
+  if (colon == text.npos || colon == 0) return false;
+  const auto is_letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); };
+  const auto in_host = [&](char c) {
+    return is_letter(c) || (c >= '0' && c <= '9') || std::string_view(".-_:[]").find(c) != std::string_view::npos;
+  };
+  const std::string_view host = text.substr(colon + 3);
+  return std::ranges::all_of(text.substr(0, colon), is_letter) && !host.empty() && std::ranges::all_of(host, in_host);
+}
+
 std::string_view path_of(std::string_view target) { return target.substr(0, target.find('?')); }
 
 std::string Access::cookie_name() const { return fmt::format("tribotwin_{}", port); }
@@ -126,7 +138,9 @@ bool Access::has_token(const Asked& asked) const {
 
 const char* Access::refusal(const Asked& asked) const {
   if (!is_our_name(asked.host)) return "Host is not the address of this bench; use the address of the line 'web:'";
-  if (!asked.origin.empty() && !is_our_name(after(asked.origin, "http://"))) return "Origin is another site";
+  const bool allowed = asked.origin.empty() || (!origin.empty() && same_name(asked.origin, origin));
+  if (!allowed && !is_our_name(after(asked.origin, "http://")))
+    return "Origin is another site; --web-origin names one that may connect by Foxglove's protocol";
   if (!has_token(asked)) return "The token is missing or wrong; use the address of the line 'web:'";
   return nullptr;
 }

@@ -39,6 +39,8 @@ struct Access {
   std::string address;  ///< of our end of the connection
   std::uint16_t port;
   bool loopback;  ///< of that address
+  /// An Origin besides our own that may make this request; empty: none.
+  std::string_view origin = {};
 
   /// Why the request is refused; nullptr: it is not.
   const char* refusal(const Asked& asked) const;
@@ -50,6 +52,10 @@ struct Access {
   bool has_token(const Asked& asked) const;
   std::string cookie_name() const;
 };
+
+/// Whether it can be an Origin: scheme://host or scheme://host:port as browsers send it, or "file://". Not "null",
+/// which any site can make its own with a sandboxed frame, and not "*".
+bool is_origin(std::string_view text);
 
 /// The part of a target before '?'.
 std::string_view path_of(std::string_view target);

@@ -3,6 +3,7 @@
 #include <boost/beast/websocket.hpp>
 
 #include <tribotwin/twin/live/connection.hpp>
+#include <tribotwin/twin/live/foxglove_viewer.hpp>
 #include <tribotwin/twin/live/page.hpp>
 #include <tribotwin/twin/live/viewer.hpp>
 
@@ -48,7 +49,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
     error_code error;
     const auto end = stream_.socket().local_endpoint(error);
     if (error) return std::nullopt;
-    return Access{hub_.token, end.address().to_string(), end.port(), end.address().is_loopback()};
+    return Access{hub_.token, end.address().to_string(), end.port(), end.address().is_loopback(),
+                  foxglove_protocol().empty() ? std::string_view{} : hub_.options.foxglove_origin};
   }
 
   void answer() {
@@ -63,7 +65,9 @@ class Connection : public std::enable_shared_from_this<Connection> {
     if (!get && request.method() != http::verb::head)
       return refuse(http::status::method_not_allowed, "Only GET and HEAD are understood");
     const auto path = path_of(asked.target);
-    if (path == "/live" && get) return become_viewer();
+    if (const auto protocol = foxglove_protocol(); (path == "/live" || path == "/") && get && !protocol.empty())
+      return become_viewer<FoxgloveViewer>(protocol);
+    if (path == "/live" && get) return become_page();
     if (path == "/geometry.json" && !hub_.hello.geometry.empty())
       return send(http::status::ok, "application/json", hub_.hello.geometry, rules->set_cookie());
     const PageFile* file = page_file(path);
@@ -71,14 +75,30 @@ class Connection : public std::enable_shared_from_this<Connection> {
     send(http::status::ok, file->type, file->content, rules->set_cookie());
   }
 
-  void become_viewer() {
+  /// That of Foxglove's names which a request for a WebSocket likes best; empty where it is none or offers ours.
+  std::string_view foxglove_protocol() {
+    if (!beast::websocket::is_upgrade(parser_.get())) return {};
+    http::token_list offered(parser_.get()[http::field::sec_websocket_protocol]);
+    if (offered.exists(subprotocol)) return {};
+    for (const auto& name : offered)
+      for (const std::string_view known : foxglove::subprotocols)
+        if (text_of(name) == known) return known;
+    return {};
+  }
+
+  void become_page() {
     if (!beast::websocket::is_upgrade(parser_.get()))
       return refuse(http::status::upgrade_required, "This is a WebSocket");
     if (!http::token_list(parser_.get()[http::field::sec_websocket_protocol]).exists(subprotocol))
-      return refuse(http::status::bad_request, "The subprotocol must be tribotwin.live.v1");
+      return refuse(http::status::bad_request, "The subprotocol must be tribotwin.live.v1, or one of Foxglove's");
+    become_viewer<Viewer>(subprotocol);
+  }
+
+  template <class Kind>
+  void become_viewer(std::string_view protocol) {
     if (hub_.viewers.size() >= hub_.options.limits.viewers)
       return refuse(http::status::service_unavailable, "Too many pages are open");
-    std::make_shared<Viewer>(hub_, std::move(place_), std::move(stream_))->start(parser_.release());
+    std::make_shared<Kind>(hub_, std::move(place_), std::move(stream_), protocol)->start(parser_.release());
   }
 
   void refuse(http::status status, std::string_view why) {

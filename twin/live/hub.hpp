@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include <tribotwin/twin/live/foxglove.hpp>
 #include <tribotwin/twin/live/server.hpp>
 
 namespace tribotwin::twin::live {
@@ -12,14 +13,23 @@ namespace tribotwin::twin::live {
 class Viewer;
 using Text = std::shared_ptr<const std::string>;
 
+/// A status or event as JSON, and when it was.
+struct Told {
+  Text text;
+  double time_s = 0;
+};
+
 /// What the connections of a server share. Of the server's thread alone, but for `commands`.
 struct Hub {
   ServerOptions options;
   Hello hello;
   std::string token;  ///< empty: none is needed
-  Text hello_text, status_text;
+  Text hello_text;
   Text poses;  ///< a binary message; nullptr: none came yet
-  std::deque<Text> events;
+  Told status;
+  std::deque<Told> events;
+  foxglove::Topics foxglove_topics;
+  Text foxglove_info, foxglove_channels;
   std::size_t connections = 0;
   std::uint64_t viewers_so_far = 0;
   std::vector<std::shared_ptr<Viewer>> viewers;

@@ -74,6 +74,9 @@ struct Server::Impl {
     const auto session = new_token();
     if (!session) return tl::unexpected(session.error());
     hub.hello_text = shared(to_json(hub.hello, *session, hub.options.readonly));
+    hub.foxglove_topics = foxglove::Topics(hub.hello);
+    hub.foxglove_info = shared(foxglove::server_info(hub.hello, *session));
+    hub.foxglove_channels = shared(hub.foxglove_topics.advertisement());
     if (address.loopback) return {};
     auto token = new_token();
     if (!token) return tl::unexpected(token.error());
@@ -155,14 +158,14 @@ struct Server::Impl {
     for (const auto& viewer : hub.viewers) viewer->send_rows();
   }
   void pass_on(const Status& status) {
-    hub.status_text = shared(to_json(status));
+    hub.status = {shared(to_json(status)), status.simulated_s};
     joints = status.joints;
-    for (const auto& viewer : hub.viewers) viewer->tell_status(hub.status_text);
+    for (const auto& viewer : hub.viewers) viewer->tell_status(hub.status);
   }
   void pass_on(const Event& event) {
-    hub.events.push_back(shared(to_json(event)));
+    hub.events.push_back({shared(to_json(event)), event.time_s});
     if (hub.events.size() > hub.options.limits.events) hub.events.pop_front();
-    for (const auto& viewer : hub.viewers) viewer->tell(hub.events.back());
+    for (const auto& viewer : hub.viewers) viewer->tell_event(hub.events.back());
   }
   void pass_on(const Done& done) {
     const Text text = shared(to_json(done));

@@ -17,6 +17,7 @@ namespace tribotwin::twin::live {
 struct ServerOptions {
   Address address;
   bool readonly = false;
+  std::string foxglove_origin = {};  ///< the one site that may connect by Foxglove's protocol; empty: our own only
   Limits limits;
 };
 

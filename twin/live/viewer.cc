@@ -14,8 +14,12 @@ namespace beast = boost::beast;
 namespace websocket = boost::beast::websocket;
 using beast::error_code;
 
-Viewer::Viewer(Hub& hub, Place place, Stream stream)
-    : hub_(hub), place_(std::move(place)), socket_(std::move(stream)), number_(++hub.viewers_so_far) {}
+Viewer::Viewer(Hub& hub, Place place, Stream stream, std::string_view protocol)
+    : hub_(hub),
+      protocol_(protocol),
+      place_(std::move(place)),
+      socket_(std::move(stream)),
+      number_(++hub.viewers_so_far) {}
 
 void Viewer::start(Request request) {
   const Limits& limits = hub_.options.limits;
@@ -23,9 +27,9 @@ void Viewer::start(Request request) {
   beast::get_lowest_layer(socket_).expires_never();  // the WebSocket has time limits of its own
   socket_.set_option(websocket::stream_base::timeout{
       .handshake_timeout = limits.header, .idle_timeout = limits.response, .keep_alive_pings = true});
-  socket_.set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
+  socket_.set_option(websocket::stream_base::decorator([this](websocket::response_type& response) {
     response.set(beast::http::field::server, "tribotwin");
-    response.set(beast::http::field::sec_websocket_protocol, subprotocol);
+    response.set(beast::http::field::sec_websocket_protocol, protocol_);
   }));
   socket_.read_message_max(limits.message_bytes);
   socket_.auto_fragment(false);
@@ -42,9 +46,13 @@ void Viewer::start(Request request) {
     self->read();
     self->send();
   });
+  greet();
+}
+
+void Viewer::greet() {
   texts_.push_back(hub_.hello_text);
-  texts_.insert(texts_.end(), hub_.events.begin(), hub_.events.end());
-  status_ = hub_.status_text;
+  for (const Told& event : hub_.events) texts_.push_back(event.text);
+  status_ = hub_.status.text;
   poses_ = hub_.poses;
 }
 
@@ -68,8 +76,10 @@ void Viewer::heard(error_code error) {
   if (error) return closing_ ? void() : drop();
   if (closing_) return;
   if (too_fast()) return close(CloseCode::policy_error, "too many messages");
-  if (!socket_.got_text()) return close(CloseCode::unknown_data, "only text is understood");
-  obey(beast::buffers_to_string(heard_.data()));
+  if (socket_.got_text())
+    obey(beast::buffers_to_string(heard_.data()));
+  else if (!obey_binary())
+    return close(CloseCode::unknown_data, "only text is understood");
   heard_.consume(heard_.size());
   read();
 }
@@ -77,7 +87,7 @@ void Viewer::heard(error_code error) {
 bool Viewer::too_fast() {
   const auto now = std::chrono::steady_clock::now();
   if (now - second_ >= std::chrono::seconds(1)) second_ = now, messages_ = 0;
-  return ++messages_ > hub_.options.limits.messages_per_s;
+  return ++messages_ > messages_per_s();
 }
 
 void Viewer::obey(const std::string& text) {
@@ -105,7 +115,7 @@ void Viewer::tell(Text text) {
 void Viewer::add_row(std::uint64_t number, std::span<const double> row) {
   const bool follows = number == first_row_ + row_count_;
   if (!follows || (rows_.size() + row.size()) * sizeof(double) > hub_.options.limits.row_bytes)
-    rows_.clear(), row_count_ = 0;
+    lost_ = lost_ || row_count_ > 0, rows_.clear(), row_count_ = 0;
   if (row_count_ == 0) first_row_ = number;
   rows_.insert(rows_.end(), row.begin(), row.end());
   ++row_count_;
@@ -140,7 +150,10 @@ void Viewer::make_batch() {
 }
 
 void Viewer::send() {
-  if (!open_ || writing_ || closing_) return;
+  if (open_ && !writing_ && !closing_) send_next();
+}
+
+void Viewer::send_next() {
   if (!texts_.empty()) {
     sent_ = std::move(texts_.front());
     texts_.pop_front();

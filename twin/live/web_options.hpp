@@ -12,6 +12,7 @@ namespace tribotwin::twin::live {
 struct WebOptions {
   std::string address;
   bool readonly = false;
+  std::string origin;
 
   void add_to(CLI::App& command) {
     given_ = command
@@ -21,6 +22,11 @@ struct WebOptions {
                              "needs the token of that line")
                  ->expected(0, 1);
     command.add_flag("--web-readonly", readonly, "The page shows and changes nothing")->needs(given_);
+    command
+        .add_option("--web-origin", origin,
+                    "A site that may connect by Foxglove's protocol, as a browser names it: http://localhost:8081, "
+                    "file:// for Lichtblick's desktop. It can only listen")
+        ->needs(given_);
   }
   bool given() const { return given_ && given_->count() > 0; }
   /// Serves the page and says where. nullptr where the option is not given; throws InputError where its address is

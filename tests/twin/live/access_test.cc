@@ -81,6 +81,24 @@ TEST(Access, RefusesForeignOrigins) {
     EXPECT_THAT(open.refusal({"/live", "localhost:8080", origin, ""}), HasSubstr("Origin")) << origin;
 }
 
+TEST(Access, OneOtherOriginMayBeNamed) {
+  Access named = open;
+  named.origin = "http://localhost:8081";
+  EXPECT_EQ(named.refusal({"/", "localhost:8080", "http://localhost:8081", ""}), nullptr);
+  EXPECT_EQ(named.refusal({"/", "localhost:8080", "http://localhost:8080", ""}), nullptr);
+  for (const char* origin : {"null", "http://localhost:8082", "https://localhost:8081", "http://localhost"})
+    EXPECT_THAT(named.refusal({"/", "localhost:8080", origin, ""}), HasSubstr("--web-origin")) << origin;
+  EXPECT_THAT(named.refusal({"/", "evil.example", "http://localhost:8081", ""}), HasSubstr("Host"));
+}
+
+TEST(Access, AnOriginIsThatOfOneSite) {
+  for (const char* origin : {"http://localhost:8081", "https://app.example.org", "file://", "http://[::1]:8081"})
+    EXPECT_TRUE(is_origin(origin)) << origin;
+  for (const char* text : {"", "*", "null", "localhost:8081", "http://", "://a", "http://a/", "http://a/b", "http://*",
+                           "http://a b", "file:///home", "http://user@a", "http://a?b", "http://a\n"})
+    EXPECT_FALSE(is_origin(text)) << text;
+}
+
 TEST(Access, NeedsTheWholeTokenInQueryOrCookie) {
   const char* host = "192.0.2.7:8080";
   for (const char* target : {"/?token=secret", "/app.js?a=b&token=secret", "/?token=wrong&token=secret"})

@@ -86,6 +86,17 @@ class Client {
     for (char byte; !head.ends_with("\r\n\r\n") && ::recv(socket_, &byte, 1, 0) == 1;) head += byte;
     return head.starts_with("HTTP/1.1 101");
   }
+  /// The head of the answer to a request for a WebSocket with these subprotocols.
+  std::string ask_for(const std::string& protocols, const std::string& more = {}, const std::string& target = "/") {
+    send(
+        fmt::format("GET {} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                    "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+                    "Sec-WebSocket-Protocol: {}\r\n{}\r\n",
+                    target, port_, protocols, more));
+    std::string head;
+    for (char byte; !head.ends_with("\r\n\r\n") && ::recv(socket_, &byte, 1, 0) == 1;) head += byte;
+    return head;
+  }
   /// A message as a browser sends it.
   bool say(const std::string& text, int opcode = 1) {
     std::string frame{static_cast<char>(0x80 | opcode)};

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <optional>
 
+#include <tribotwin/twin/io/mcap/joint_json.hpp>
 #include <tribotwin/twin/io/mcap/joint_states.hpp>
 #include <tribotwin/twin/io/mcap/writer.hpp>
 #include <tribotwin/twin/io/telemetry/reader.hpp>
@@ -76,6 +77,48 @@ class Topics {
   std::vector<double> numbers_[std::size(joint_state_channels)], values_;
 };
 
+/// The rows of one table as JSON, one topic per joint.
+class JsonTopics {
+ public:
+  /// `units`: of each joint, where they have others than `channels` says.
+  JsonTopics(mcap::Writer& writer, const Recording& head, const std::vector<Channel>& channels,
+             const std::vector<std::vector<std::string>>& units, std::string_view prefix)
+      : writer_(writer), width_(channels.size()) {
+    std::string first;
+    for (std::size_t j = 0; j < head.joints.size(); ++j) {
+      std::vector<mcap::Quantity> quantities;
+      for (std::size_t c = 0; c < width_; ++c) {
+        const std::string& unit = units.empty() ? channels[c].unit : units[j][c];
+        quantities.push_back({column_name(channels[c].name, unit), unit, channels[c].description});
+      }
+      joints_.emplace_back(std::move(quantities));
+      const std::string schema = joints_.back().schema();
+      if (j == 0) first = schema;
+      const auto number =
+          writer_.add_schema(mcap::joint_schema_name(head.joints[j], schema, first), "jsonschema", schema);
+      numbers_.push_back(writer_.add_channel(std::string(prefix) + mcap::joint_topic(head.joints[j]), "json", number));
+    }
+  }
+
+  Status write(double time_s, std::span<const double> row) {
+    const auto ns = static_cast<std::uint64_t>(ns_of(time_s));
+    for (std::size_t j = 0; j < joints_.size(); ++j) {
+      text_.clear();
+      joints_[j].append(text_, time_s, row.subspan(j * width_, width_));
+      if (auto ok = writer_.add_message(numbers_[j], ns, text_); !ok) return ok;
+    }
+    return {};
+  }
+
+ private:
+  mcap::Writer& writer_;
+  std::size_t width_;
+  std::vector<mcap::JointJson> joints_;
+  std::vector<std::uint16_t> numbers_;
+  std::string text_;
+};
+
+template <class Topics>
 Status write_rows(const Reader& r, const Columns& columns, Topics& topics,
                   const std::function<void(double)>& progress) {
   Rows rows(r, columns, rows_at_once);
@@ -105,22 +148,38 @@ mcap::Texts metadata_of(const Recording& head) {
   return out;
 }
 
-Status write_mcap(NewFile& out, const Reader& r, const std::function<void(double)>& progress) {
-  mcap::Writer writer([&](std::string_view bytes) { return out.write(bytes); }, "ros2", "tribotwin");
-  writer.add_metadata("tribotwin", metadata_of(r.head));
+template <class Topics>
+Status write_tables(const Reader& r, Topics& samples, Topics& cycles, const std::function<void(double)>& progress) {
+  if (auto ok = write_rows(r, r.samples, samples, progress); !ok) return ok;
+  return r.cycles.rows > 0 ? write_rows(r, r.cycles, cycles, {}) : Status{};
+}
+
+Status write_ros2(mcap::Writer& writer, const Reader& r, const std::function<void(double)>& progress) {
   Topics samples(writer, r.head, r.head.channels), cycles(writer, r.head, r.head.cycle_channels);
   samples.add_joint_states("/joint_states");
   samples.add_dynamic_joint_states("/dynamic_joint_states");
   if (r.cycles.rows > 0) cycles.add_dynamic_joint_states("/cycle_states");
-  if (auto ok = write_rows(r, r.samples, samples, progress); !ok) return ok;
-  if (r.cycles.rows > 0)
-    if (auto ok = write_rows(r, r.cycles, cycles, {}); !ok) return ok;
+  return write_tables(r, samples, cycles, progress);
+}
+
+Status write_json(mcap::Writer& writer, const Reader& r, const std::function<void(double)>& progress) {
+  JsonTopics samples(writer, r.head, r.head.channels, r.head.units, "");
+  if (r.cycles.rows == 0) return write_rows(r, r.samples, samples, progress);
+  JsonTopics cycles(writer, r.head, r.head.cycle_channels, {}, "/cycles");
+  return write_tables(r, samples, cycles, progress);
+}
+
+Status write_mcap(NewFile& out, const Reader& r, McapMessages messages, const std::function<void(double)>& progress) {
+  const bool json = messages == McapMessages::json;
+  mcap::Writer writer([&](std::string_view bytes) { return out.write(bytes); }, json ? "" : "ros2", "tribotwin");
+  writer.add_metadata("tribotwin", metadata_of(r.head));
+  if (auto ok = (json ? write_json : write_ros2)(writer, r, progress); !ok) return ok;
   return writer.finish();
 }
 
 }  // namespace
 
-Result<void> export_mcap(const fs::path& run_dir, const fs::path& file, Existing existing,
+Result<void> export_mcap(const fs::path& run_dir, const fs::path& file, Existing existing, McapMessages messages,
                          const std::function<void(double)>& progress) {
   const fs::path path = run_dir / "telemetry.h5";
   if (auto ok = probe(path); !ok) return ok;
@@ -131,7 +190,7 @@ Result<void> export_mcap(const fs::path& run_dir, const fs::path& file, Existing
   if (!r) return tl::unexpected(r.error());
   auto out = NewFile::create(file, existing);
   if (!out) return tl::unexpected(out.error());
-  const auto written = guarded(path, no_record, [&] { return write_mcap(*out, *r, progress); });
+  const auto written = guarded(path, no_record, [&] { return write_mcap(*out, *r, messages, progress); });
   if (!written) return tl::unexpected(written.error());
   return *written ? out->publish() : *written;
 }

@@ -112,11 +112,18 @@ Result<std::vector<std::filesystem::path>> export_csv(const std::filesystem::pat
 /// The names of these two files.
 std::array<std::filesystem::path, 2> csv_files(const std::filesystem::path& run_dir, const std::filesystem::path& file);
 
-/// Writes RUNDIR/telemetry.h5 as an MCAP file for ROS 2 (rosbag2), Foxglove and Lichtblick: `/joint_states`
+/// What an MCAP file holds. rosbag2 refuses a file with both.
+enum class McapMessages {
+  ros2,  ///< of ROS 2, as CDR
+  json   ///< as the live bench sends them by Foxglove's protocol
+};
+
+/// Writes RUNDIR/telemetry.h5 as an MCAP file. For ROS 2 (rosbag2), Foxglove and Lichtblick: `/joint_states`
 /// (sensor_msgs/msg/JointState) with position_rad, velocity_rad_s and torque_nm, `/dynamic_joint_states`
 /// (control_msgs/msg/DynamicJointState) with all other channels, and `/cycle_states` with those of work cycles; the
-/// attributes as metadata. Times are whole nanoseconds from 0 s to 2^31 s. `progress` gets 0..1.
+/// attributes as metadata. As JSON: `/joints/NAME` with all channels, `/cycles/joints/NAME`. Times are whole
+/// nanoseconds from 0 s to 2^31 s. `progress` gets 0..1.
 Result<void> export_mcap(const std::filesystem::path& run_dir, const std::filesystem::path& file, Existing existing,
-                         const std::function<void(double)>& progress = {});
+                         McapMessages messages, const std::function<void(double)>& progress = {});
 
 }  // namespace tribotwin::twin

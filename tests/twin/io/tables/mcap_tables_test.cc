@@ -253,8 +253,9 @@ TEST_F(McapTables, ARecordIsTheSameAsItsExport) {
     ASSERT_TRUE(record->finish());
   }
   const auto mcap_file = folder_ / "b.mcap";
-  ASSERT_TRUE(export_mcap(folder_, mcap_file, Existing::refuse));
-  EXPECT_THAT(export_mcap(folder_, mcap_file, Existing::refuse).error().message, HasSubstr("b.mcap"));
+  ASSERT_TRUE(export_mcap(folder_, mcap_file, Existing::refuse, McapMessages::ros2));
+  EXPECT_THAT(export_mcap(folder_, mcap_file, Existing::refuse, McapMessages::ros2).error().message,
+              HasSubstr("b.mcap"));
   std::vector<std::string> wanted{"time_s"};
   for (const char* joint : {"a", "left/b 1"})
     for (const char* quantity : {"position_{}_rad", "torque_{}_nm", "motor_torque_{}_nm", "temperature_{}_degC"})
