@@ -193,6 +193,12 @@ commands = [
             "export --mcap", ("tribotwin", "export", "run", "--mcap", "-o", "run.mcap"), ("run.mcap",), given=("run",)
         ),
         Command(
+            "export --mcap --messages json",
+            ("tribotwin", "export", "run", "--mcap", "--messages", "json", "-o", "json.mcap"),
+            ("json.mcap",),
+            given=("run",),
+        ),
+        Command(
             "export --recording",
             ("tribotwin", "export", "{in}/run", "--recording", "-o", "recorded.csv"),
             ("recorded.csv",),

@@ -28,7 +28,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     parser_.header_limit(static_cast<std::uint32_t>(hub.options.limits.header_bytes));
     parser_.body_limit(0);
     error_code ignored;
-    stream_.socket().set_option(tcp::no_delay(true), ignored);  // a batch does not wait for the answer to the one before
+    stream_.socket().set_option(tcp::no_delay(true), ignored);  // a batch waits for no answer to the one before
     stream_.rate_policy().read_limit(hub.options.limits.bytes_per_s);
   }
 

@@ -48,9 +48,7 @@ class Viewer : public std::enable_shared_from_this<Viewer> {
   /// The rows that wait may be sent: the rate of batches is that of these calls.
   void send_rows();
   /// Nothing waits for it.
-  virtual bool idle() const {
-    return !writing_ && texts_.empty() && !status_ && !law_ && !poses_ && row_count_ == 0;
-  }
+  virtual bool idle() const { return !writing_ && texts_.empty() && !status_ && !law_ && !poses_ && row_count_ == 0; }
   void close(CloseCode code, const char* reason);
 
  protected:
