@@ -48,8 +48,8 @@ def check_drawing(tab, bench):
     check("what was simplified is said", tab.value("document.querySelector('#scene_notes').textContent")
           == "; 1 of 1 meshes are drawn simplified")  # fmt: skip
     labels = tab.value("[...document.querySelectorAll('.scene_label')].filter(l => !l.hidden).map(l => l.innerText)")
-    check("the warmest joint and the one in fault have labels", labels == ["✖ joint3 55.1 °C", "joint5 113.4 °C warmest"],
-          labels)  # fmt: skip
+    check("the warmest joint and the one in fault have labels",
+          labels == ["✖ joint3 55.1 °C", "joint5 113.4 °C warmest"], labels)  # fmt: skip
     x, y = middle(reds(seen))
     bench.poses(1400, 1.0)
     drawn(tab, 1400)
