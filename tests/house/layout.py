@@ -29,6 +29,7 @@ ORDER = {
         "robot/inertial_prior",
         "control",
         "simulation",
+        "live/protocol",
         "live",
         "identification",
         "identification/resampling",

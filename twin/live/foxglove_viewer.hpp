@@ -1,6 +1,6 @@
 #pragma once
 
-#include <tribotwin/twin/live/foxglove.hpp>
+#include <tribotwin/twin/live/protocol/foxglove.hpp>
 #include <tribotwin/twin/live/viewer.hpp>
 
 namespace tribotwin::twin::live {

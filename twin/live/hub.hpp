@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/twin/live/foxglove.hpp>
+#include <tribotwin/twin/live/protocol/foxglove.hpp>
 #include <tribotwin/twin/live/server.hpp>
 
 namespace tribotwin::twin::live {

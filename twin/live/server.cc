@@ -11,7 +11,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/live/connection.hpp>
-#include <tribotwin/twin/live/geometry.hpp>
+#include <tribotwin/twin/live/protocol/geometry.hpp>
 #include <tribotwin/twin/live/viewer.hpp>
 
 namespace tribotwin::twin::live {

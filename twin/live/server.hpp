@@ -9,7 +9,7 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/live/access.hpp>
 #include <tribotwin/twin/live/limits.hpp>
-#include <tribotwin/twin/live/messages.hpp>
+#include <tribotwin/twin/live/protocol/messages.hpp>
 #include <tribotwin/twin/live/ring.hpp>
 
 namespace tribotwin::twin::live {

@@ -2,8 +2,8 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/live/geometry.hpp>
-#include <tribotwin/twin/live/law.hpp>
+#include <tribotwin/twin/live/protocol/geometry.hpp>
+#include <tribotwin/twin/live/protocol/law.hpp>
 #include <tribotwin/twin/live/twin_feed.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/simulation/channels.hpp>

@@ -4,7 +4,7 @@
 
 #include <boost/asio/buffer.hpp>
 
-#include <tribotwin/twin/live/geometry.hpp>
+#include <tribotwin/twin/live/protocol/geometry.hpp>
 #include <tribotwin/twin/live/viewer.hpp>
 
 namespace tribotwin::twin::live {
@@ -136,7 +136,7 @@ Text pose_message(std::uint64_t row, std::span<const float> poses) {
   return std::make_shared<const std::string>(std::move(message));
 }
 
-/// Header and rows as twin/live/README.md says.
+/// Header and rows as twin/live/protocol/README.md says.
 void Viewer::make_batch() {
   static_assert(std::endian::native == std::endian::little);
   const auto rows = static_cast<std::uint32_t>(row_count_);

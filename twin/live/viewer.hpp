@@ -18,7 +18,7 @@ using Stream =
 
 inline constexpr const char* subprotocol = "tribotwin.live.v1";
 
-/// A binary message of kind 2, as twin/live/README.md says.
+/// A binary message of kind 2, as twin/live/protocol/README.md says.
 Text pose_message(std::uint64_t row, std::span<const float> poses);
 
 /// A page that listens. What it cannot take in time is lost to it: rows first, in whole batches.

@@ -6,7 +6,7 @@
 #include <gmock/gmock.h>
 #include <nlohmann/json.hpp>
 
-#include <tribotwin/twin/live/geometry.hpp>
+#include <tribotwin/twin/live/protocol/geometry.hpp>
 #include <tribotwin/twin/live/twin_feed.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>

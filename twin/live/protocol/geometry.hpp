@@ -14,7 +14,7 @@ struct GeometryLimits {
   std::size_t geoms = 10'000;       ///< those beyond are left out, and counted
 };
 
-/// geometry.json as twin/live/README.md says: what MuJoCo shows by default (groups 0 to 2, not transparent).
+/// geometry.json as twin/live/protocol/README.md says: what MuJoCo shows by default (groups 0 to 2, not transparent).
 std::string geometry_json(const mujoco::Model& model, const GeometryLimits& limits = {});
 
 /// Numbers of one body in a pose: position [m], quaternion w x y z.

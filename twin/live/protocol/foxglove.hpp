@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <tribotwin/twin/io/mcap/joint_json.hpp>
-#include <tribotwin/twin/live/messages.hpp>
+#include <tribotwin/twin/live/protocol/messages.hpp>
 
 /// The WebSocket protocol of Foxglove, which Lichtblick speaks too: what is said in it, without sockets. Offered are
 /// subscriptions and the time of the run. Texts are JSON objects with `op`; binary messages begin with an operation

@@ -1,6 +1,6 @@
 #include <cmath>
 
-#include <tribotwin/twin/live/law.hpp>
+#include <tribotwin/twin/live/protocol/law.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::live {

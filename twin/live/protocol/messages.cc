@@ -2,7 +2,7 @@
 
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/text.hpp>
-#include <tribotwin/twin/live/messages.hpp>
+#include <tribotwin/twin/live/protocol/messages.hpp>
 
 namespace tribotwin::twin::live {
 namespace {

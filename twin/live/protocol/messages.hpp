@@ -11,7 +11,7 @@
 
 #include <tribotwin/plugins/drive/drive.hpp>
 
-/// What a live bench says to its page. The schema is in twin/live/README.md.
+/// What a live bench says to its page. The schema is in twin/live/protocol/README.md.
 namespace tribotwin::twin::live {
 
 struct Joint {

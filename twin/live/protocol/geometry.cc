@@ -11,7 +11,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include <tribotwin/twin/live/geometry.hpp>
+#include <tribotwin/twin/live/protocol/geometry.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::live {

@@ -7,7 +7,7 @@
 
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
-#include <tribotwin/twin/live/foxglove.hpp>
+#include <tribotwin/twin/live/protocol/foxglove.hpp>
 
 namespace tribotwin::twin::live::foxglove {
 namespace {

@@ -1,7 +1,7 @@
 #pragma once
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
-#include <tribotwin/twin/live/messages.hpp>
+#include <tribotwin/twin/live/protocol/messages.hpp>
 
 namespace tribotwin::twin::live {
 
