@@ -51,7 +51,7 @@ def messages(host, port, *say):
 
 
 def watch(host, port, *say):
-    """Texts by type, the rows with their numbers, and the code of the end."""
+    """Texts by type, the rows with their numbers, and the code of the end. Poses are passed over."""
     texts, numbers, rows, end = {}, [], [], None
     for opcode, content in messages(host, port, *say):
         if opcode == 1:
@@ -59,6 +59,8 @@ def watch(host, port, *say):
             texts.setdefault(message["type"], []).append(message)
         elif opcode == 2:
             kind, count, columns, zero, first = struct.unpack("<IIIIQ", content[:24])
+            if kind == 2:  # poses
+                continue
             assert (kind, zero) == (1, 0)
             numbers += range(first, first + count)
             rows.append(numpy.frombuffer(content[24:], "<f8").reshape(count, columns))

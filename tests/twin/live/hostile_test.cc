@@ -180,7 +180,8 @@ TEST(Hostile, AFloodIsReadSlowly) {
     }
     return taken;
   };
-  taken_within(1s);  // as much as the buffers of the kernel hold
+  for (int i = 0; i < 20 && taken_within(1s) > 2 * Limits{}.bytes_per_s; ++i) {
+  }  // as much as the buffers of the kernel hold
   EXPECT_LT(taken_within(3s), 5 * Limits{}.bytes_per_s);
   EXPECT_TRUE(client.rest_now() && !client.closed_now());
   EXPECT_TRUE(serves(*server));

@@ -14,7 +14,7 @@
 /// code: 1, number of the subscription (u32), time (u64 [ns]) and a message; 2 and the time (u64 [ns]); little endian.
 namespace tribotwin::twin::live::foxglove {
 
-/// Of @foxglove/ws-protocol and of the Foxglove SDK. What is offered here is the same in both.
+/// Of Foxglove's ws-protocol and of the Foxglove SDK. What is offered here is the same in both.
 inline constexpr std::string_view subprotocols[] = {"foxglove.websocket.v1", "foxglove.sdk.v1"};
 
 /// The topics of a bench: one per joint, then /status and /events.

@@ -180,9 +180,8 @@ class Writer {
         bodies_as_housings_.emplace_back(body, joint);
     }
     for (const auto& [body, joint] : bodies_as_housings_)
-      for (int i = 0; i < m_->body_geomnum[body]; ++i)
-        if (auto& of_geom = housing_of_geom_[static_cast<std::size_t>(m_->body_geomadr[body] + i)]; of_geom.empty())
-          of_geom = joint;
+      for (int geom = m_->body_geomadr[body]; geom < m_->body_geomadr[body] + m_->body_geomnum[body]; ++geom)
+        if (auto& of_geom = housing_of_geom_[static_cast<std::size_t>(geom)]; of_geom.empty()) of_geom = joint;
   }
 
   std::string text() {

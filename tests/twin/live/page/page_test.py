@@ -119,9 +119,9 @@ def check_lost_rows(tab, bench):
 
 
 def check_plots(tab):
+    tab.value("document.querySelector('.history').scrollIntoView({block: 'center'})")  # what is not seen is not drawn
     box = tab.until("(() => { const r = document.querySelector('.area canvas')?.getBoundingClientRect();"
                     "return r && {x: r.x, y: r.y, w: r.width, h: r.height}; })()")  # fmt: skip
-    tab.value("document.querySelector('.history').scrollIntoView({block: 'center'})")
     tab.value("document.querySelector('.history').focus()")
     tab.key("End", 35)
     tab.key("ArrowLeft", 37)
