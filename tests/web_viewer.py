@@ -25,8 +25,9 @@ def masked(text):
     return b"\x81" + size + bytes(4) + text.encode()
 
 
-def messages(host, port, *say):
-    """(opcode, content) of all that a viewer gets, to the end; it says `say` at once."""
+def messages(host, port, *say, answer=None):
+    """(opcode, content) of all that a viewer gets, to the end; it says `say` at once, and to each text what `answer`
+    makes of it: a list."""
     with socket.create_connection((host, port), PATIENCE_S) as connection:
         key = base64.b64encode(bytes(16)).decode()
         connection.sendall(
@@ -45,15 +46,18 @@ def messages(host, port, *say):
             size = head[1]
             if size > 125:
                 size = int.from_bytes(stream.read(2 if size == 126 else 8), "big")
-            yield head[0] & 15, stream.read(size)
-            if head[0] & 15 == 8:
+            opcode, content = head[0] & 15, stream.read(size)
+            for message in answer(json.loads(content)) if answer and opcode == 1 else ():
+                connection.sendall(masked(json.dumps(message)))
+            yield opcode, content
+            if opcode == 8:
                 return
 
 
-def watch(host, port, *say):
+def watch(host, port, *say, answer=None):
     """Texts by type, the rows with their numbers, and the code of the end. Poses are passed over."""
     texts, numbers, rows, end = {}, [], [], None
-    for opcode, content in messages(host, port, *say):
+    for opcode, content in messages(host, port, *say, answer=answer):
         if opcode == 1:
             message = json.loads(content)
             texts.setdefault(message["type"], []).append(message)

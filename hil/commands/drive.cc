@@ -146,9 +146,14 @@ struct Viewers {
   std::optional<BenchFeed> feed;
 
   Viewers(const Arguments& a, const twin::Scenario& scenario)
-      : line(!a.quiet && isatty(STDERR_FILENO)),
-        server(a.web.start(twin::live::hello_of(scenario, "drive", TRIBOTWIN_VERSION))) {
+      : line(!a.quiet && isatty(STDERR_FILENO)), server(a.web.start(hello_of(scenario))) {
     if (server) feed.emplace(*server, !a.record.empty() || !a.output.empty());
+  }
+  static twin::live::Hello hello_of(const twin::Scenario& scenario) {
+    auto hello = twin::live::hello_of(scenario, "drive", TRIBOTWIN_VERSION);
+    hello.commands.emplace_back("fault");
+    hello.faults = fault_kinds();
+    return hello;
   }
   std::function<void(const twin::Twin&, double)> sample() {
     if (!feed) return {};

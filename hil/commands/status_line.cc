@@ -54,11 +54,10 @@ std::vector<Part> parts_of(const SessionStatus& s) {
   std::uint64_t lost = 0;
   std::vector<std::string> loads, syncs;
   for (std::size_t i = 0; i < s.buses.size(); ++i) {
-    const auto& [transport, bits_per_s, bit_rate] = s.buses[i];
-    const BusCounters& bus = transport->counters();
-    lost += bus.lost();
-    loads.push_back(bit_rate ? fmt::format("{:.0f} %", 100 * bits_per_s / *bit_rate)
-                             : fmt::format("{:.0f} kbit/s", 1e-3 * bits_per_s));
+    const SessionStatus::Bus& bus = s.buses[i];
+    lost += bus.transport->counters().lost();
+    loads.push_back(bus.bit_rate ? fmt::format("{:.0f} %", 100 * bus.bits_per_s / *bus.bit_rate)
+                                 : fmt::format("{:.0f} kbit/s", 1e-3 * bus.bits_per_s));
     syncs.push_back(fmt::format("{}", s.bench->counters(i).syncs));
   }
   const std::string load = fmt::format("bus {}", fmt::join(loads, " + "));

@@ -2,10 +2,15 @@
 
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <tribotwin/hil/drives/wiring.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
+
+namespace tribotwin::twin {
+class Mapping;
+}
 
 /// Injected faults of bus and bench, for tests of controllers: a list on the time line of the simulation. Faults inside
 /// a joint (wear, backlash, ...) are those of plugins/drive/fault.hpp; a scenario's events set them.
@@ -55,5 +60,12 @@ struct DriveFault {
 /// buses a fault may have a bus, and one of a node must have one.
 Result<std::vector<Fault>> load_faults(const std::filesystem::path& file, int first_node, int drives,
                                        const Wiring& wiring = {});
+
+/// Names of all kinds.
+std::vector<std::string> fault_kinds();
+
+/// Reads a fault of one of `joints`, or of none, that begins when it is injected: `kind`, `duration_s`, `joint`, and
+/// the keys of its kind. Its time begins at 0. Throws InputError.
+Fault read_fault(twin::Mapping& keys, const std::vector<std::string>& joints, int first_node, const Wiring& wiring);
 
 }  // namespace tribotwin::hil

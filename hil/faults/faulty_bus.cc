@@ -112,6 +112,25 @@ std::string FaultyBus::state() const {
   return !faults_.empty() && cut() ? name_ + ": cut by a fault of the list" : bus_.state();
 }
 
+bool FaultyBus::is_full() {
+  constexpr std::size_t most = 64;
+  const double now = now_s();
+  for (std::size_t i = faults_.size(); i-- > 0;) {
+    if (now < faults_[i].to_s || applied_[i]) continue;
+    faults_.erase(faults_.begin() + static_cast<std::ptrdiff_t>(i));
+    applied_.erase(applied_.begin() + static_cast<std::ptrdiff_t>(i));
+  }
+  return faults_.size() >= most;
+}
+
+void FaultyBus::inject(Fault fault) {
+  const double now = now_s();
+  fault.to_s = now + (fault.to_s - fault.from_s);
+  fault.from_s = now;
+  faults_.push_back(fault);
+  applied_.push_back(false);
+}
+
 std::vector<DriveFault> FaultyBus::changed(int first_node) {
   std::vector<DriveFault> changes;
   for (std::size_t i = 0; i < faults_.size(); ++i) {

@@ -24,6 +24,10 @@ class FaultyBus final : public Transport, public Pollable {
   std::string state() const override;
   const BusCounters& counters() const override { return bus_.counters(); }
 
+  /// So many faults are at work that no other one is taken.
+  bool is_full();
+  /// A fault of this length begins now.
+  void inject(Fault fault);
   /// The faults of drives that begin or end now; ask when simulated time has advanced. Drives are counted on this bus.
   std::vector<DriveFault> changed(int first_node);
 

@@ -5,6 +5,8 @@
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/cia402/modes.hpp>
 #include <tribotwin/hil/live/bench_feed.hpp>
+#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -54,10 +56,23 @@ std::string mode_name(std::int64_t number) {
   return mode ? mode->name : "";
 }
 
+/// What the drive follows.
+void add_target(DriveStatus& status, const twin::Twin& twin, std::size_t i) {
+  using Mode = twin::DriveCommand::Mode;
+  const twin::DriveCommand& command = twin.commands()[i];
+  if (command.mode == Mode::torque) status.target_nm = command.torque_nm;
+  if (command.mode == Mode::velocity) status.target_rad_s = command.velocity_rad_s;
+  if (command.mode != Mode::position) return;
+  status.target_rad = command.position_rad;
+  const auto address = twin::position_address(twin.model().get(), twin.model().drives()[i]);
+  status.following_error_rad = command.position_rad - twin.data()->qpos[address];
+}
+
 DriveStatus status_of(const Bench& bench, std::size_t i) {
   BusDrive& drive = *bench.drives()[i];
   DriveStatus status{
       .joint = bench.joints()[i], .bus = bench.bus_of(i), .state = drive.state_name(), .brake = drive.brake_engaged()};
+  add_target(status, bench.plant().twin(), i);
   auto* node = dynamic_cast<Node*>(&drive);
   if (!node) return status;  // mirror frames have none of the rest
   status.node = node->id();
@@ -66,6 +81,13 @@ DriveStatus status_of(const Bench& bench, std::size_t i) {
   status.error_code = node->error_code();
   status.error_text = text_of(status.error_code);
   return status;
+}
+
+std::optional<twin::live::Spread> spread_of(const Distribution& times) {
+  if (times.count() == 0) return std::nullopt;
+  const auto us = [](std::int64_t ns) { return 1e-3 * static_cast<double>(ns); };
+  return twin::live::Spread{us(times.median_ns()), us(times.quantile_ns(0.99)), us(times.max_ns()),
+                            times.histogram_us()};
 }
 
 BusStatus status_of(const SessionStatus& session, std::size_t i) {
@@ -77,7 +99,9 @@ BusStatus status_of(const SessionStatus& session, std::size_t i) {
           .frames_in = counted.frames_in,
           .frames_out = counted.frames_out,
           .syncs = counted.syncs,
-          .lost = bus.transport ? bus.transport->counters().lost() : 0};
+          .lost = bus.transport ? bus.transport->counters().lost() : 0,
+          .sync_period = bus.sync ? spread_of(bus.sync->period()) : std::nullopt,
+          .sync_to_tpdo = bus.sync ? spread_of(bus.sync->latency()) : std::nullopt};
 }
 
 }  // namespace
@@ -93,8 +117,19 @@ void BenchFeed::status(const SessionStatus& session) {
   status.joints = twin::live::joints_of(session.bench->plant().twin());
   time_s_ = session.simulated_s;
   tell_errors(status);
-  twin::live::obey(server_, time_s_);
+  twin::live::Acts acts;
+  if (SessionControl* control = session.control)
+    acts["fault"] = [this, control](twin::Mapping& keys) { return inject(*control, keys); };
+  twin::live::obey(server_, time_s_, acts);
   server_.tell(std::move(status));
+}
+
+std::string BenchFeed::inject(SessionControl& control, twin::Mapping& keys) {
+  control.inject(keys);
+  const std::string joint = keys.text_or("joint", "");
+  const std::string what = fmt::format("{} for {:g} s", keys.text("kind"), keys.number("duration_s"));
+  server_.tell(twin::live::Event{time_s_, "fault", joint, what});
+  return fmt::format("from {:.3f} s", time_s_);
 }
 
 void BenchFeed::tell_errors(const twin::live::Status& status) {

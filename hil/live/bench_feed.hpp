@@ -21,6 +21,7 @@ class BenchFeed {
   void note(const std::string& text);
 
  private:
+  std::string inject(SessionControl& control, twin::Mapping& keys);
   void tell_errors(const twin::live::Status& status);
 
   twin::live::Server& server_;

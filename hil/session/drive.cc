@@ -22,6 +22,7 @@
 #include <tribotwin/hil/timing/pace.hpp>
 #include <tribotwin/hil/timing/sync_timing.hpp>
 #include <tribotwin/twin/io/file.hpp>
+#include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -62,7 +63,7 @@ std::vector<Fault> faults_on(std::size_t bus, std::vector<Fault> faults) {
 }
 
 /// A session of drives on live buses.
-class Session {
+class Session : SessionControl {
  public:
   Session(const twin::Scenario& scenario, std::span<Transport* const> buses, const DriveOptions& o)
       : o_(o),
@@ -114,6 +115,16 @@ class Session {
   bool finished() const { return (o_.stop && o_.stop()) || over(); }
   void note(const std::string& what) const {
     if (o_.note) o_.note(what);
+  }
+
+  void inject(twin::Mapping& keys) override {
+    if (record_ && !record_->repeats())
+      throw twin::InputError("fault: the record is no regular file, so a replay could not repeat it");
+    const Fault fault = read_fault(keys, bench_.joints(), o_.first_node, o_.wiring);
+    if (std::ranges::any_of(buses_, [](LiveBus& live) { return live.bus.is_full(); }))
+      throw twin::InputError("fault: 64 are at work, which is the most");
+    for (std::size_t bus = 0; bus < buses_.size(); ++bus)
+      if (fault.bus.value_or(bus) == bus) buses_[bus].bus.inject(fault);
   }
 
   Status open() {
@@ -221,13 +232,13 @@ class Session {
     for (std::size_t i = 0; i < buses_.size(); ++i) {
       const double bits = bench_.counters(i).bits - std::exchange(buses_[i].bits_before, bench_.counters(i).bits);
       const double per_s = status_ns_ ? 1e9 * bits / static_cast<double>(now_ns_ - status_ns_) : 0;
-      loads.push_back({&buses_[i].bus, per_s, buses_[i].bit_rate});
+      loads.push_back({&buses_[i].bus, per_s, buses_[i].bit_rate, &buses_[i].sync});
     }
     status_ns_ = now_ns_;
     if (record_) keep_record(record_->flush());
     tell_slow_motion();
     tell_waiting();
-    if (o_.status) o_.status({time_s(), wall_s(), pace_.overruns(), &bench_, std::move(loads)});
+    if (o_.status) o_.status({time_s(), wall_s(), pace_.overruns(), &bench_, std::move(loads), this});
   }
 
   /// Of the bus with the fastest SYNC, which the others follow.

@@ -11,22 +11,33 @@
 #include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/hil/session/bench.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
+#include <tribotwin/hil/timing/sync_timing.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::hil {
 
+/// What can be done to a running session.
+class SessionControl {
+ public:
+  virtual ~SessionControl() = default;
+  /// A fault begins now, as read_fault reads it. Throws InputError.
+  virtual void inject(twin::Mapping& keys) = 0;
+};
+
 /// State of a session for its status line.
 struct SessionStatus {
   struct Bus {
-    const Transport* transport;      ///< nullptr in a replay
-    double bits_per_s;               ///< since the last one
-    std::optional<double> bit_rate;  ///< [bit/s] of a bus that has one
+    const Transport* transport;        ///< nullptr in a replay
+    double bits_per_s;                 ///< since the last one
+    std::optional<double> bit_rate;    ///< [bit/s] of a bus that has one
+    const SyncTiming* sync = nullptr;  ///< none in a replay
   };
   double simulated_s, wall_s;
   std::uint64_t overruns;  ///< steps in real time that began more than a step too late
   const Bench* bench;
   std::vector<Bus> buses;
+  SessionControl* control = nullptr;  ///< none in a replay
 };
 
 struct DriveOptions {

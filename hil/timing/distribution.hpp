@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 namespace tribotwin::hil {
@@ -14,7 +15,10 @@ class Distribution {
   void add(std::int64_t ns, std::uint64_t times = 1) {
     ns = std::clamp<std::int64_t>(ns, 0, longest_ns);
     const int shift = shift_of(static_cast<std::uint64_t>(ns));
-    counts_[static_cast<std::size_t>((shift << sub_bits) + (ns >> shift))] += times;
+    const auto bin = static_cast<std::size_t>((shift << sub_bits) + (ns >> shift));
+    counts_[bin] += times;
+    first_ = std::min(first_, bin);
+    end_ = std::max(end_, bin + 1);
     count_ += times;
     max_ns_ = std::max(max_ns_, ns);
   }
@@ -24,7 +28,7 @@ class Distribution {
   /// The value that a share of `q` (0..1) does not exceed; 0 without any.
   std::int64_t quantile_ns(double q) const {
     std::uint64_t sum = 0;
-    for (std::size_t i = 0; i < counts_.size(); ++i)
+    for (std::size_t i = first_; i < end_; ++i)
       if (counts_[i] && static_cast<double>(sum += counts_[i]) >= q * static_cast<double>(count_))
         return std::min(value_of(i), max_ns_);
     return 0;
@@ -33,7 +37,7 @@ class Distribution {
   /// Calls `take(ns, times)` for every value, upwards.
   template <typename Take>
   void each(Take take) const {
-    for (std::size_t i = 0; i < counts_.size(); ++i)
+    for (std::size_t i = first_; i < end_; ++i)
       if (counts_[i]) take(value_of(i), counts_[i]);
   }
   /// Of the distances from the median.
@@ -44,8 +48,23 @@ class Distribution {
     });
     return distances;
   }
+  /// How many lie below each limit [us] and not below the one before: four steps from a power of two to the next, from
+  /// the first that has any to the last.
+  std::vector<std::pair<std::int64_t, std::uint64_t>> histogram_us() const {
+    std::vector<std::pair<std::int64_t, std::uint64_t>> bins;
+    each([&](std::int64_t ns, std::uint64_t times) {
+      const std::int64_t us = ns / 1000, limit = us - us % step_us(us) + step_us(us);
+      if (bins.empty()) bins.emplace_back(limit, 0);
+      while (bins.back().first < limit) bins.emplace_back(bins.back().first + step_us(bins.back().first), 0);
+      bins.back().second += times;
+    });
+    return bins;
+  }
 
  private:
+  static constexpr std::int64_t step_us(std::int64_t us) {
+    return std::max<std::int64_t>(1, static_cast<std::int64_t>(std::bit_floor(static_cast<std::uint64_t>(us))) / 4);
+  }
   static constexpr int sub_bits = 10;
   static constexpr std::int64_t longest_ns = std::int64_t{1} << 44;
   static constexpr int shift_of(std::uint64_t value) {
@@ -60,6 +79,7 @@ class Distribution {
 
   std::vector<std::uint64_t> counts_ = std::vector<std::uint64_t>(
       static_cast<std::size_t>((shift_of(static_cast<std::uint64_t>(longest_ns)) << sub_bits) + (2 << sub_bits)));
+  std::size_t first_ = counts_.size(), end_ = 0;  // bins that have any
   std::uint64_t count_ = 0;
   std::int64_t max_ns_ = 0;
 };

@@ -77,12 +77,30 @@ def test_replay():
     check("replay: its bus", (last["buses"][0]["name"], last["buses"][0]["syncs"] > 200) == ("can0", True), last)
     states = {d["state"] for s in texts["status"] for d in s["drives"]}
     check("replay: the drives get their words from the record", "operation enabled" in states, states)
+    check_targets(texts["hello"][0], texts["status"], rows)
     shown = content("replay.out")
     check("replay: no difference", ": 0 differ, 0 missing, 0 added" in shown, shown)
     wall, simulated = last["wall_s"], last["simulated_s"]
     check("replay: it keeps the time of the record", wall > 0.9 * simulated, (wall, simulated))
     fast = run(hil, "replay", scenario, "moved.log", *rate, "--fast", "--web", "127.0.0.1:0", "--cycle", "4")
     check("replay --fast: waits for no page", fast.returncode == 0 and "web: http://" in fast.stderr, fast.stderr)
+
+
+def check_targets(hello, statuses, rows):
+    """The target of a moving joint, and its distance from where the robot is in the row of that time."""
+    columns = [(c["joint"], c["name"]) for c in hello["columns"]]
+    position = {round(1e6 * row[0]): row[columns.index(("joint2", "position_rad"))] for row in rows}
+    moving = [
+        (s["drives"][1]["target"], s["drives"][1]["following_error_rad"], position[round(1e6 * s["simulated_s"])])
+        for s in statuses
+        if s["drives"][1]["state"] == "operation enabled" and round(1e6 * s["simulated_s"]) in position
+    ]
+    targets = [target["position_rad"] for target, _, _ in moving]
+    check("replay: the target moves", len(targets) > 3 and max(targets) - min(targets) > 1e-3, targets)
+    wrong = [m for m in moving if m[1] != m[0]["position_rad"] - m[2] or m[0]["torque_nm"] is not None]
+    check("replay: the following error is that of the row", not wrong, wrong[:3])
+    off = [s["drives"][1] for s in statuses if s["drives"][1]["state"] == "switch on disabled"]
+    check("replay: no power, no target", all(d["target"]["position_rad"] is None for d in off), off)
 
 
 def test_shadow():

@@ -346,18 +346,22 @@ void refuse_model(const std::string& given) {
 
 /// One run, and its page if one is asked for.
 Summary simulate(const Arguments& a, const Scenario& scenario, const fs::path& output) {
-  const auto server = a.web.start(live::hello_of(scenario, "run", TRIBOTWIN_VERSION));
+  auto hello = live::hello_of(scenario, "run", TRIBOTWIN_VERSION);
+  hello.commands = live::TwinFeed::commands();
+  const auto server = a.web.start(std::move(hello));
   std::optional<live::TwinFeed> feed;
   if (server) feed.emplace(*server, !output.empty());
   Progress progress(a.quiet);
-  return or_throw(
-      twin::run(scenario, {.directory = output,
-                           .existing = replace_if(a.force),
-                           .realtime = a.realtime,
-                           .stop = &interrupted(),
-                           .progress = [&](double share, double left) { progress(share, left); },
-                           .sample = feed ? [&](const Twin& twin, double time_s) { feed->sample(twin, time_s); }
-                                          : std::function<void(const Twin&, double)>{}}));
+  RunOptions options{.directory = output,
+                     .existing = replace_if(a.force),
+                     .realtime = a.realtime,
+                     .stop = &interrupted(),
+                     .progress = [&](double share, double left) { progress(share, left); }};
+  if (feed) {
+    options.sample = [&](const Twin& twin, double time_s) { feed->sample(twin, time_s); };
+    options.held = [&](const Twin& twin) { return feed->held(twin); };
+  }
+  return or_throw(twin::run(scenario, options));
 }
 
 Result<Exit> execute(const Arguments& a) {

@@ -64,10 +64,12 @@ std::string Mapping::at(const YAML::Mark& mark) const { return place(file_, mark
 void Mapping::fail(const std::string& key, const std::string& why) const {
   YAML::Mark mark = node_.Mark();
   const std::string path = where_ + (where_.empty() ? "" : ".") + key;
+  const bool from_file = !where_.empty() || mark.line >= 0;  // a command of a page has no places
   for (const auto& entry : node_) {
     if (entry.first.Scalar() != key) continue;
     mark = entry.first.Mark();
-    if (is_setting(entry.first, entry.second)) throw InputError(fmt::format("{}: --set {}: {}", file_, path, why));
+    if (from_file && is_setting(entry.first, entry.second))
+      throw InputError(fmt::format("{}: --set {}: {}", file_, path, why));
   }
   throw InputError(fmt::format("{}: {}: {}", at(mark), path, why));
 }

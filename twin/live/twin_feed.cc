@@ -9,21 +9,6 @@
 #include <tribotwin/twin/simulation/channels.hpp>
 
 namespace tribotwin::twin::live {
-namespace {
-
-constexpr std::size_t longest_marker = 200;
-
-Done mark(Server& server, const Command& command, double time_s) {
-  const auto text = command.message.find("text");
-  const bool is_text = text != command.message.end() && text->is_string();
-  const std::string said = is_text ? text->get<std::string>() : std::string();
-  if (said.empty() || said.size() > longest_marker)
-    return {command.viewer, command.id, false, fmt::format("marker: text must be 1 to {} bytes", longest_marker)};
-  server.tell(Event{time_s, "marker", "", said});
-  return {command.viewer, command.id, true, fmt::format("marked at {:.3f} s; shown only, no record has it", time_s)};
-}
-
-}  // namespace
 
 Hello hello_of(const Scenario& scenario, std::string program, std::string version) {
   const mujoco::Model& model = *scenario.model;
@@ -52,11 +37,6 @@ Hello hello_of(const Scenario& scenario, std::string program, std::string versio
   return hello;
 }
 
-void obey(Server& server, double time_s) {
-  while (const auto command = server.take())
-    if (command->name == "marker") server.tell(mark(server, *command, time_s));
-}
-
 std::vector<drive::Workspace> joints_of(const Twin& twin) {
   std::vector<drive::Workspace> joints;
   for (std::size_t i = 0; i < twin.model().drives().size(); ++i) joints.push_back(twin.drive(i));
@@ -74,14 +54,47 @@ void push_row(Server& server, const Twin& twin, double time_s) {
 
 void TwinFeed::sample(const Twin& twin, double time_s) {
   push_row(server_, twin, time_s);
+  if (rows_left_ > 0) --rows_left_;
+}
+
+bool TwinFeed::held(const Twin& twin) {
   const auto now = Clock::now();
-  if (now < status_due_) return;
-  status_due_ = now + status_period;
-  obey(server_, twin.time_s());
+  if (now >= status_due_) {
+    status_due_ = now + status_period;
+    obey(server_, twin.time_s(), acts(twin));
+    tell_status(twin);
+  }
+  return paused_ && rows_left_ == 0;
+}
+
+void TwinFeed::tell_status(const Twin& twin) {
   server_.tell(Status{.simulated_s = twin.time_s(),
-                      .wall_s = std::chrono::duration<double>(now - started_).count(),
+                      .wall_s = std::chrono::duration<double>(Clock::now() - started_).count(),
+                      .paused = paused_,
                       .recording = recording_,
                       .joints = joints_of(twin)});
+}
+
+Acts TwinFeed::acts(const Twin& twin) {
+  const auto paused = [this, &twin](bool now) {
+    return [this, &twin, now](Mapping& keys) {
+      keys.done();
+      if (paused_ == now) throw InputError(fmt::format("the run is {}", now ? "paused already" : "not paused"));
+      paused_ = now;
+      rows_left_ = 0;
+      return fmt::format("{} at {:.3f} s", now ? "paused" : "goes on", twin.time_s());
+    };
+  };
+  return {{"pause", paused(true)}, {"resume", paused(false)}, {"step", [this](Mapping& keys) { return step(keys); }}};
+}
+
+std::string TwinFeed::step(Mapping& keys) {
+  const std::size_t rows = keys.whole("cycles", {1, 1e6});
+  keys.done();
+  if (!paused_) throw InputError("step: the run is not paused");
+  if (rows_left_ > 0) throw InputError(fmt::format("step: {} rows of the last one are still to come", rows_left_));
+  rows_left_ = rows;
+  return fmt::format("{} row{} from here", rows, rows == 1 ? "" : "s");
 }
 
 }  // namespace tribotwin::twin::live

@@ -2,6 +2,7 @@
 
 #include <chrono>
 
+#include <tribotwin/twin/live/commands.hpp>
 #include <tribotwin/twin/live/server.hpp>
 #include <tribotwin/twin/simulation/twin.hpp>
 
@@ -10,9 +11,6 @@ namespace tribotwin::twin::live {
 
 /// Joints and columns: time_s, then the channels of telemetry.h5, joint by joint.
 Hello hello_of(const Scenario& scenario, std::string program, std::string version);
-
-/// Obeys the commands of the pages that wait: `marker`. For the thread of the steps, at simulated time `time_s`.
-void obey(Server& server, double time_s);
 
 /// The states of its joints, for their laws.
 std::vector<drive::Workspace> joints_of(const Twin& twin);
@@ -25,16 +23,25 @@ class TwinFeed {
  public:
   /// `recording`: the run writes telemetry.
   TwinFeed(Server& server, bool recording) : server_(server), recording_(recording) {}
-  /// A row as telemetry.h5 has it, of the step that began at `time_s`; now and then the status; then commands are
-  /// obeyed.
+  /// What its pages may ask beside `marker`: `pause`, `resume`, `step`.
+  static std::vector<std::string> commands() { return {"marker", "pause", "resume", "step"}; }
+  /// A row as telemetry.h5 has it, of the step that began at `time_s`.
   void sample(const Twin& twin, double time_s);
+  /// To be called between steps, and again while it is true: a page has paused the run. Now and then obeys commands and
+  /// tells the status.
+  bool held(const Twin& twin);
 
  private:
+  Acts acts(const Twin& twin);
+  std::string step(Mapping& keys);
+  void tell_status(const Twin& twin);
   using Clock = std::chrono::steady_clock;
   Server& server_;
   const bool recording_;
   const Clock::time_point started_ = Clock::now();
   Clock::time_point status_due_ = started_;
+  bool paused_ = false;
+  std::size_t rows_left_ = 0;  // of the last `step`
 };
 
 }  // namespace tribotwin::twin::live

@@ -92,6 +92,8 @@ class Runner {
   Result<void> run_steps(std::int64_t until) {
     while (twin_.steps() < until && !stopped()) {
       const std::int64_t k = twin_.steps();
+      wait_while_held();
+      if (stopped()) break;
       comparison_.add(twin_);
       if (auto step = twin_.step(); !step) return tl::unexpected(step.error());
       if (recorder_)
@@ -102,6 +104,14 @@ class Runner {
       if (options_.realtime) keep_pace();
     }
     return {};
+  }
+
+  void wait_while_held() {
+    if (!options_.held || !options_.held(twin_)) return;
+    const auto since = Clock::now();
+    do std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    while (!stopped() && options_.held(twin_));
+    started_ += Clock::now() - since;
   }
 
   /// Waits until the clock is where the twin is: hours, after skipped cycles. Sleeps are short, for `stop`.

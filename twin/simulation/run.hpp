@@ -21,6 +21,8 @@ struct RunOptions {
   /// its start), and at the end of each work cycle, skipped ones included.
   std::function<void(const Twin&, double time_s)> sample;
   std::function<void(double time_s, std::span<const CycleSample>)> cycle;
+  /// Asked before each step: true makes it wait, and is asked again. Time that it waited does not count.
+  std::function<bool(const Twin&)> held;
 };
 
 /// Runs a scenario to its end. With a directory: telemetry.h5 grows during the run; summary.json is written last and

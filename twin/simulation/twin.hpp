@@ -67,6 +67,7 @@ class Twin {
   bool takes_commands() const { return drive_servo_ != nullptr; }
   /// Commands of a commanded twin, per drive. Each step reads them.
   std::span<DriveCommand> commands() { return commands_; }
+  std::span<const DriveCommand> commands() const { return commands_; }
   /// Whether a limit cut a commanded drive's torque in the last step.
   bool limited(std::size_t i) const { return drive_servo_->limited(i); }
   void set_brake(std::size_t i, bool engaged);

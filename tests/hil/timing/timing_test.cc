@@ -36,6 +36,27 @@ TEST(Distribution, TakesAnyDuration) {
                                            testing::Gt(4 * 3600 * s)));
 }
 
+TEST(Distribution, HistogramHasEveryDurationBetweenItsLimits) {
+  Distribution d;
+  EXPECT_TRUE(d.histogram_us().empty());
+  for (const int us : {3, 7, 7, 12, 39}) d.add(us * 1000);
+  using Bins = std::vector<std::pair<std::int64_t, std::uint64_t>>;
+  EXPECT_EQ(d.histogram_us(), (Bins{{4, 1},
+                                    {5, 0},
+                                    {6, 0},
+                                    {7, 0},
+                                    {8, 2},
+                                    {10, 0},
+                                    {12, 0},
+                                    {14, 1},
+                                    {16, 0},
+                                    {20, 0},
+                                    {24, 0},
+                                    {28, 0},
+                                    {32, 0},
+                                    {40, 1}}));
+}
+
 // The time that a program needs to start is no lateness of the robot.
 TEST(Pace, LatenessBeginsWithTheFirstStep) {
   Pace pace(ms);

@@ -1,8 +1,10 @@
 """`tribotwin run --web` and `tribotwin-hil drive --web`: what a viewer gets is what telemetry.h5 has, to the last bit;
 addresses that are wrong or taken. Arguments: tribotwin, tribotwin-hil, source tree."""
-import json, os, socket, subprocess, sys
+import json, os, socket, subprocess, sys, time
 
-from harness import check, check_refused, finish, path, run, work
+import h5py
+
+from harness import check, check_refused, content, finish, path, run, work
 from web_viewer import PATIENCE_S, compare, watch, web_address
 
 tribotwin, hil, source = sys.argv[1:]
@@ -12,18 +14,26 @@ SAY = (
     {"type": "command", "id": 1, "do": "marker", "text": "the load is on"},
     {"type": "command", "id": 2, "do": "marker", "text": "x" * 201},
     {"type": "command", "id": 3, "do": "marker", "text": 5},
-    {"type": "command", "id": 4, "do": "pause"},
+    {"type": "command", "id": 4, "do": "shutdown"},
 )
+FAULT = {"type": "command", "do": "fault", "kind": "over_temperature", "duration_s": 1, "temperature_degC": 140}
+FAULTS = ("drop", "delay", "corrupt", "duplicate", "silence", "bus_off", "link_down", "over_temperature",
+          "encoder_freeze", "safe_torque_off")  # fmt: skip
 
 
-def check_commands(name, texts):
-    check(f"{name}: commands", texts["hello"][0]["commands"] == ["marker"], texts["hello"][0])
-    done = {d["id"]: d for d in texts.get("done", [])}
-    said = [done[i]["message"] for i in sorted(done)]
-    check(f"{name}: every command is answered", [done[i]["ok"] for i in sorted(done)] == [True] + [False] * 3, done)
+def answers(texts):
+    """(whether, what) was answered to each command."""
+    return {d["id"]: (d["ok"], d["message"]) for d in texts.get("done", [])}
+
+
+def check_commands(name, texts, commands):
+    check(f"{name}: commands", texts["hello"][0]["commands"] == commands, texts["hello"][0])
+    done = answers(texts)
+    check(f"{name}: every command is answered", [done[i][0] for i in range(1, 5)] == [True] + [False] * 3, done)
+    said = [done[i][1] for i in range(1, 5)]
     check(f"{name}: a marker is not in a record", said[0].endswith("shown only, no record has it"), said)
     check(f"{name}: a marker that is none", said[1] == said[2] == "marker: text must be 1 to 200 bytes", said)
-    check(f"{name}: no other command", said[3] == "do must be one of: marker", said)
+    check(f"{name}: no other command", said[3] == "do must be one of: " + ", ".join(commands), said)
     markers = [e for e in texts.get("event", []) if e["kind"] == "marker"]
     check(f"{name}: the marker is shown", [m["text"] for m in markers] == ["the load is on"], markers)
     check(f"{name}: with the time of its answer", f"at {markers[0]['time_s']:.3f} s" in said[0], (markers, said))
@@ -48,11 +58,11 @@ def compare_law(name, texts):
         check(f"{name}: {key} of the law is that of 'tribotwin curve'", law[key] == expected, (law[key], expected))
 
 
-def follow(name, folder, *command):
+def follow(name, folder, commands, *command, say=SAY):
     with open(path(folder + ".log"), "w") as log:
         process = subprocess.Popen([*command, "-o", folder, "--web", "127.0.0.1:0"], cwd=work, stderr=log)
         try:
-            texts, numbers, rows, end = watch(*web_address(path(folder + ".log")), *SAY)
+            texts, numbers, rows, end = watch(*web_address(path(folder + ".log")), *say)
             code = process.wait(PATIENCE_S)
         finally:
             process.kill()
@@ -61,14 +71,14 @@ def follow(name, folder, *command):
     check(f"{name}: says good bye", end == 1001, end)
     compare(name, folder, texts["hello"][0], numbers, rows)
     compare_law(name, texts)
-    check_commands(name, texts)
+    check_commands(name, texts, commands)
     return texts
 
 
 def test_run():
     texts = follow(
-        "run", "run", tribotwin, "run", scenario, "--realtime", "--quiet", "--set", "duration_s=4", "--set",
-        "telemetry_rate_hz=500",
+        "run", "run", ["marker", "pause", "resume", "step"], tribotwin, "run", scenario, "--realtime", "--quiet",
+        "--set", "duration_s=4", "--set", "telemetry_rate_hz=500",
     )  # fmt: skip
     check("run: hello", texts["hello"][0]["program"] == "run" and texts["hello"][0]["step_s"] == 0.001, texts["hello"])
     statuses = texts["status"]
@@ -77,13 +87,114 @@ def test_run():
 
 
 def test_drive():
-    texts = follow("drive", "drive", hil, "drive", scenario, "--can", "memory:web", "--realtime", "--duration", "4")
+    faults = ({**FAULT, "id": 5, "joint": "joint5"}, {**FAULT, "id": 6}, {**FAULT, "id": 7, "kind": "wear"},
+              {**FAULT, "id": 8, "joint": "joint7"}, {**FAULT, "id": 9, "joint": "joint5", "duration_s": [1]},
+              {**FAULT, "id": 10, "joint": "joint5", "when": 3}, {**FAULT, "id": 11, "duration_s": 0})  # fmt: skip
+    texts = follow(
+        "drive", "drive", ["marker", "fault"], hil, "drive", scenario, "--can", "memory:web", "--realtime",
+        "--duration", "4", "--record", "faults.log", "--set", "telemetry_rate_hz=500", say=SAY + faults,
+    )  # fmt: skip
+    check_faults(texts)
     check("drive: hello", texts["hello"][0]["program"] == "drive", texts["hello"])
     last = texts["status"][-1]
     words = [(d["node"], d["nmt"], d["state"], d["mode"], d["error_code"], d["brake"]) for d in last["drives"]]
     expected = [(i, "pre-operational", "switch on disabled", "CSP", 0, True) for i in range(1, 7)]
+    expected[4] = (5, "pre-operational", "fault", "CSP", 0x4310, True)
     check("drive: words of the drives", words == expected, words)
     check("drive: its bus", last["buses"][0]["name"] == "web" and last["buses"][0]["frames_out"] >= 6, last)
+
+
+def check_faults(texts):
+    """What the page asked for is what the record has, and a replay repeats it."""
+    check("drive: faults", texts["hello"][0]["faults"] == list(FAULTS), texts["hello"][0])
+    done = answers(texts)
+    check("fault: it begins", done[5][0] and done[5][1].startswith("from "), done)
+    for number, says in (
+        (6, "fault: joint: is needed: which drive?"),
+        (7, "fault: kind: 'wear' is not known; did you mean 'delay'? Accepted: " + ", ".join(FAULTS)),
+        (8, "fault: joint: 'joint7' is not known; did you mean 'joint1'? Accepted: joint1, joint2"),
+        (9, "fault: duration_s: must be a number or a text"),
+        (10, "fault: when: is not known"),
+        (11, "fault: duration_s: is 0 but must be within"),
+    ):
+        check(f"fault: number {number} is refused", not done[number][0] and says in done[number][1], done[number])
+    told = [(e["joint"], e["text"]) for e in texts["event"] if e["kind"] == "fault"]
+    check("fault: all pages hear of it", told == [("joint5", "over_temperature for 1 s")], told)
+    codes = [[d["error_code"] for d in s["drives"]] for s in texts["status"]]
+    check("fault: the drive is too hot, no other", [0, 0, 0, 0, 0x4310, 0] in codes, codes)
+    check("fault: no other drive", not any(any(c[:4] + c[5:]) for c in codes), codes)
+    sent = [line.split()[-1] for line in content("faults.log").splitlines()]
+    check("fault: its EMCY is in the record", any(s.startswith("085#1043") for s in sent), sent[:20])
+    again = run(hil, "replay", scenario, "faults.log", "--fast", "-o", "again", "--set", "telemetry_rate_hz=500")
+    check("fault: a replay repeats it", ": 0 differ, 0 missing, 0 added" in again.stdout, again.stdout + again.stderr)
+    same_record("fault: the replay", "drive", "again")
+
+
+def bits(folder):
+    """Of every dataset of every joint."""
+    found = {}
+    with h5py.File(path(folder, "telemetry.h5")) as file:
+        for joint in (j for j in file if isinstance(file[j], h5py.Group)):
+            found |= {f"{joint}/{k}": v[:].tobytes() for k, v in file[joint].items() if isinstance(v, h5py.Dataset)}
+    return found
+
+
+def same_record(name, one, other):
+    first, second = bits(one), bits(other)
+    check(f"{name} has every joint's numbers", len(first) > 20 and first.keys() == second.keys(), list(first)[:3])
+    check(f"{name} has the same bits", first == second, [k for k in first if first[k] != second.get(k)])
+
+
+class Pauses:
+    """What a viewer says: pause, after three statuses five rows, then on; and some nonsense."""
+
+    def __init__(self):
+        self.paused, self.stepped, self.resumed_s = [], [], None
+
+    def __call__(self, text):
+        say = lambda number, do, **more: {"type": "command", "id": number, "do": do, **more}
+        if text["type"] == "hello":
+            return [say(0, "resume"), say(1, "step", cycles=1), say(2, "pause")]
+        if text["type"] != "status" or not text["paused"]:
+            return []
+        if len(self.paused) < 3:
+            self.paused.append(text["simulated_s"])
+            return (
+                [say(3, "pause"), say(4, "step", cycles=0), say(5, "step", cycles=5)] if len(self.paused) == 3 else []
+            )
+        self.stepped.append(text["simulated_s"])
+        if len(self.stepped) != 4:
+            return []
+        self.resumed_s = time.monotonic()
+        return [say(6, "resume")]
+
+
+def test_pause():
+    """A paused run stands, goes on row by row, and is the same run in the end."""
+    command = [tribotwin, "run", scenario, "--quiet", "--set", "duration_s=3", "--set", "telemetry_rate_hz=500"]
+    run(*command, "-o", "alone")
+    pauses = Pauses()
+    with open(path("pauses.log"), "w") as log:
+        process = subprocess.Popen([*command, "--realtime", "-o", "pauses", "--web", "127.0.0.1:0"], cwd=work,
+                                   stderr=log)  # fmt: skip
+        try:
+            texts, numbers, rows, _ = watch(*web_address(path("pauses.log")), answer=pauses)
+            code = process.wait(PATIENCE_S)
+        finally:
+            process.kill()
+    check("pause: ends well", code == 0, content("pauses.log"))
+    compare("pause", "pauses", texts["hello"][0], numbers, rows)
+    same_record("pause: the record", "alone", "pauses")
+    done = answers(texts)
+    expected = [False, False, True, False, False, True, True]
+    check("pause: what is obeyed, what is refused", [done[i][0] for i in range(7)] == expected, done)
+    check("pause: why", done[0][1] == "the run is not paused" == done[1][1].removeprefix("step: "), done)
+    stood, stepped = set(pauses.paused), pauses.stepped[-1]
+    check("pause: the run stands", len(stood) == 1, pauses.paused)
+    between = rows[(rows[:, 0] > max(stood) - 1e-9) & (rows[:, 0] < stepped - 1e-9), 0]
+    check("step: five rows", len(between) == 5 and len(set(pauses.stepped[1:])) == 1, (stood, pauses.stepped, between))
+    left_s, took_s = 3 - stepped, time.monotonic() - pauses.resumed_s
+    check("resume: the clock had stood", took_s > 0.9 * left_s > 1, (took_s, left_s))
 
 
 def test_wrong_addresses():
@@ -116,4 +227,5 @@ test_wrong_addresses()
 test_vary()
 test_run()
 test_drive()
+test_pause()
 finish()

@@ -13,7 +13,7 @@ export const faults = {
 };
 
 const inputs = {
-  cycles: ['cycles', { min: 1, max: 1000000, step: 1, value: 1 }],
+  cycles: ['rows', { min: 1, max: 1000000, step: 1, value: 1 }],
   duration_s: ['duration [s]', { min: 0.000001, max: 1e9, step: 'any', value: 1 }],
   probability: ['probability', { min: 0, max: 1, step: 'any', value: 0.01 }],
   delay_s: ['delay [s]', { min: 0, max: 10, step: 'any', value: 0.01 }],

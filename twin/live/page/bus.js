@@ -51,15 +51,15 @@ class Bus {
       const wide = Math.max(0.5, each - 1);
       const bar = drawing('rect', { x: i * each + 0.5, y: height - tall, width: wide, height: tall });
       bar.classList.add('bin');
-      const lower = i ? `over ${bins[i - 1][0]} ` : '';
+      const lower = i ? `from ${bins[i - 1][0]} ` : '';
       bar.append(drawing('title'));
-      bar.firstChild.textContent = `${lower}up to ${upper_us ?? 'any'} µs: ${count}`;
+      bar.firstChild.textContent = `${lower}${upper_us === null ? '' : `below ${upper_us} `}µs: ${count}`;
       return bar;
     });
     this.histogram.replaceChildren(drawing('svg', { viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: 'none',
       role: 'img', 'aria-label': 'Histogram of the time from SYNC to TPDO' }, ...bars));
     const edges = bins.map((bin) => bin[0]).filter(isNumber);
-    setText(this.caption, bins.length ? 'TPDOs over their time from SYNC [µs]: bins up to ' +
+    setText(this.caption, bins.length ? 'TPDOs over their time from SYNC [µs]: bins below ' +
       `${edges[0]} … ${edges.at(-1)} µs, tallest ${grouped(most)}` : 'no time from SYNC to TPDO yet');
   }
 }

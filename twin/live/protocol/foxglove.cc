@@ -32,6 +32,8 @@ Object list_schema(const Object& properties) {
 /// Each has one type and no list of types, which Lichtblick does not read. What is not known is null or not there.
 Object status_schema() {
   const Object number = of_type("number", ""), text = of_type("string", "");
+  const Object target = of_type("object", "position_rad, velocity_rad_s, torque_nm, arm side");
+  const Object spread = of_type("object", "median, p99, max [us]; histogram: [below [us], count]");
   return object_schema("tribotwin.Status", {{"simulated_s", of_type("number", "time of the run [s]")},
                                             {"wall_s", of_type("number", "since the start [s]")},
                                             {"paused", of_type("boolean", "")},
@@ -45,14 +47,18 @@ Object status_schema() {
                                                                     {"mode", text},
                                                                     {"error_code", number},
                                                                     {"error_text", text},
-                                                                    {"brake", of_type("boolean", "engaged")}})},
+                                                                    {"brake", of_type("boolean", "engaged")},
+                                                                    {"target", target},
+                                                                    {"following_error_rad", number}})},
                                             {"buses", list_schema({{"name", text},
                                                                    {"load", of_type("number", "share of 1")},
                                                                    {"bit_rate", of_type("number", "[bit/s]")},
                                                                    {"frames_in", number},
                                                                    {"frames_out", number},
                                                                    {"syncs", number},
-                                                                   {"lost", number}})}});
+                                                                   {"lost", number},
+                                                                   {"sync_period_us", spread},
+                                                                   {"sync_to_tpdo_us", spread}})}});
 }
 
 Object event_schema() {

@@ -23,7 +23,19 @@ Json drive_json(const DriveStatus& drive) {
           {"mode", text_or_null(drive.mode)},
           {"error_code", drive.error_code},
           {"error_text", text_or_null(drive.error_text)},
-          {"brake", or_null(drive.brake)}};
+          {"brake", or_null(drive.brake)},
+          {"target",
+           {{"position_rad", or_null(drive.target_rad)},
+            {"velocity_rad_s", or_null(drive.target_rad_s)},
+            {"torque_nm", or_null(drive.target_nm)}}},
+          {"following_error_rad", or_null(drive.following_error_rad)}};
+}
+
+Json spread_json(const std::optional<Spread>& spread) {
+  if (!spread) return nullptr;
+  Json histogram = Json::array();
+  for (const auto& [limit, count] : spread->histogram) histogram.push_back({limit, count});
+  return {{"median", spread->median}, {"p99", spread->p99}, {"max", spread->max}, {"histogram", histogram}};
 }
 
 Json bus_json(const BusStatus& bus) {
@@ -33,7 +45,9 @@ Json bus_json(const BusStatus& bus) {
           {"frames_in", bus.frames_in},
           {"frames_out", bus.frames_out},
           {"syncs", bus.syncs},
-          {"lost", bus.lost}};
+          {"lost", bus.lost},
+          {"sync_period_us", spread_json(bus.sync_period)},
+          {"sync_to_tpdo_us", spread_json(bus.sync_to_tpdo)}};
 }
 
 Json residual_json(const Residual& residual) {
@@ -74,6 +88,7 @@ std::string to_json(const Hello& hello, const std::string& session, bool readonl
                   {"readonly", readonly},
                   {"step_s", hello.step_s},
                   {"commands", readonly ? std::vector<std::string>{} : hello.commands},
+                  {"faults", readonly ? std::vector<std::string>{} : hello.faults},
                   {"joints", joints},
                   {"columns", columns},
                   {"bodies", hello.geometry.empty() ? 0 : hello.bodies}});

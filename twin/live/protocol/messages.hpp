@@ -36,7 +36,8 @@ struct Law {
 struct Hello {
   std::string program, version, scenario;
   double step_s = 0;
-  std::vector<std::string> commands;  ///< that the page may give
+  std::vector<std::string> commands;     ///< that the page may give
+  std::vector<std::string> faults = {};  ///< kinds that `fault` takes
   std::vector<Joint> joints;
   std::vector<Column> columns;
   /// The law of joint `joint` in this state, for who asks for it. Called on the server's thread.
@@ -53,12 +54,23 @@ struct DriveStatus {
   std::uint16_t error_code = 0;
   std::string error_text;
   std::optional<bool> brake;
+  /// Of the last step, arm side: that which the drive follows.
+  std::optional<double> target_rad = {}, target_rad_s = {}, target_nm = {};
+  std::optional<double> following_error_rad = {};  ///< of a target position
+};
+
+/// Of times since the start [us].
+struct Spread {
+  double median = 0, p99 = 0, max = 0;
+  /// How many are below each limit [us], and not below the one before.
+  std::vector<std::pair<std::int64_t, std::uint64_t>> histogram;
 };
 
 struct BusStatus {
   std::string name;
   std::optional<double> load, bit_rate;  ///< share of 1; [bit/s]
   std::uint64_t frames_in = 0, frames_out = 0, syncs = 0, lost = 0;
+  std::optional<Spread> sync_period = {}, sync_to_tpdo = {};
 };
 
 /// Of a shadow: how far the measured torque is from the predicted one, arm side.

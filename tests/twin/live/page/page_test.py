@@ -69,8 +69,8 @@ def check_numbers(tab, bench):
     check("bus: load, SYNC and frames as sent", bus["load_percent"] == 100 * 0.6123456 and bus["lost"] == 0, bus)
     check("bus: SYNC to TPDO", bus["sync_to_tpdo_us.p99"] == 121.75 and bus["sync_period_us.max"] == 1240.5, bus)
     bins = tab.value("[...document.querySelectorAll('#bus_can0 .bin title')].map(t => t.textContent)")
-    check("bus: histogram", bins == ["up to 50 µs: 0", "over 50 up to 100 µs: 900", "over 100 up to 200 µs: 95",
-                                     "over 200 up to any µs: 5"], bins)  # fmt: skip
+    check("bus: histogram", bins == ["below 50 µs: 0", "from 50 below 100 µs: 900", "from 100 below 200 µs: 95",
+                                     "from 200 µs: 5"], bins)  # fmt: skip
 
 
 def check_first_sight(tab):

@@ -1,0 +1,86 @@
+#include <gtest/gtest.h>
+
+#include <tribotwin/hil/faults/faulty_bus.hpp>
+#include <tribotwin/twin/io/input.hpp>
+
+namespace tribotwin::hil {
+namespace {
+
+struct Bus {
+  double time_s = 0;
+  std::unique_ptr<Transport> ours = open_bus("memory:faulty_bus").value(),
+                             theirs = open_bus("memory:faulty_bus").value();
+  FaultyBus bus{*ours, {}, 1, [this] { return time_s; }};
+  /// How many of these frames the other end gets.
+  int passed(int frames, std::uint32_t id) {
+    Frame frame;
+    int count = 0;
+    for (int i = 0; i < frames; ++i) bus.send(Frame{.id = id});
+    while (theirs->receive(frame)) ++count;
+    return count;
+  }
+};
+
+constexpr Fault silent_node_3{.kind = FaultKind::silence, .to_s = 2, .node = 3};
+
+TEST(FaultyBus, AnInjectedFaultBeginsNowAndEndsInTime) {
+  Bus b;
+  b.time_s = 100;
+  EXPECT_EQ(b.passed(10, 0x183), 10);
+  b.bus.inject(silent_node_3);
+  EXPECT_EQ(b.passed(10, 0x183), 0);
+  EXPECT_EQ(b.passed(10, 0x184), 10);
+  b.time_s = 101.9;
+  EXPECT_EQ(b.passed(10, 0x183), 0);
+  b.time_s = 102.1;
+  EXPECT_EQ(b.passed(10, 0x183), 10);
+}
+
+TEST(FaultyBus, TellsWhenAnInjectedFaultOfADriveBeginsAndEnds) {
+  Bus b;
+  b.bus.inject({.kind = FaultKind::over_temperature, .to_s = 1, .node = 5, .temperature_degC = 140});
+  const DriveFault on{FaultKind::over_temperature, 4, true, 140}, off{FaultKind::over_temperature, 4, false, 0};
+  EXPECT_EQ(b.bus.changed(1), std::vector{on});
+  EXPECT_EQ(b.bus.changed(1), std::vector<DriveFault>{});
+  b.time_s = 1.5;
+  EXPECT_FALSE(b.bus.is_full());  // forgets those that are over, but for one whose end was not told yet
+  EXPECT_EQ(b.bus.changed(1), std::vector{off});
+}
+
+TEST(FaultyBus, TakesOnlySoManyAtOnce) {
+  Bus b;
+  for (int i = 0; i < 64; ++i) {
+    EXPECT_FALSE(b.bus.is_full());
+    b.bus.inject(silent_node_3);
+  }
+  EXPECT_TRUE(b.bus.is_full());
+  b.time_s = 3;
+  EXPECT_FALSE(b.bus.is_full());
+}
+
+Fault read(const char* yaml, const Wiring& wiring = {}) {
+  twin::Mapping keys("fault", "", YAML::Load(yaml));
+  return read_fault(keys, {"shoulder", "elbow", "wrist"}, 10, wiring);
+}
+
+TEST(ReadFault, FindsTheNodeOfAJointOnItsBus) {
+  const Fault one = read("{kind: silence, duration_s: 2, joint: wrist}");
+  EXPECT_EQ(one.node, 12);
+  EXPECT_EQ(one.bus, std::nullopt);
+  EXPECT_EQ(one.to_s - one.from_s, 2);
+  const Fault two = read("{kind: safe_torque_off, duration_s: 2, joint: shoulder}", {{2, 1}, {0}});
+  EXPECT_EQ(two.node, 10);
+  EXPECT_EQ(two.bus, 1U);
+  EXPECT_EQ(read("{kind: drop, duration_s: 1, probability: .25}").node, 0);
+}
+
+TEST(ReadFault, RefusesWhatItCannotDo) {
+  EXPECT_THROW(read("{kind: link_down, duration_s: 2, joint: wrist}"), twin::InputError);
+  EXPECT_THROW(read("{kind: encoder_freeze, duration_s: 2}"), twin::InputError);
+  EXPECT_THROW(read("{kind: silence, duration_s: 2, node: 3}"), twin::InputError);
+  EXPECT_THROW(read("{kind: silence, duration_s: -2, joint: wrist}"), twin::InputError);
+  EXPECT_THROW(read("{kind: drop, duration_s: 2, probability: 1.5}"), twin::InputError);
+}
+
+}  // namespace
+}  // namespace tribotwin::hil

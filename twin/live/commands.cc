@@ -1,0 +1,55 @@
+#include <fmt/format.h>
+
+#include <tribotwin/twin/live/commands.hpp>
+
+namespace tribotwin::twin::live {
+namespace {
+
+constexpr std::size_t longest_marker = 200;
+
+/// What a command says beside its name, to be read as strictly as a scenario.
+Mapping keys_of(const Command& command) {
+  YAML::Node keys(YAML::NodeType::Map);
+  for (const auto& [key, value] : command.message.items()) {
+    if (key == "type" || key == "id" || key == "do") continue;
+    if (value.is_structured() || value.is_null())
+      throw InputError(fmt::format("{}: {}: must be a number or a text", command.name, key));
+    keys[key] = value.is_string() ? value.get<std::string>() : value.dump();
+  }
+  return Mapping(command.name, "", keys);
+}
+
+std::string mark(Server& server, const Command& command, double time_s) {
+  const auto text = command.message.find("text");
+  const bool is_text = text != command.message.end() && text->is_string();
+  const std::string said = is_text ? text->get<std::string>() : std::string();
+  if (said.empty() || said.size() > longest_marker)
+    throw InputError(fmt::format("marker: text must be 1 to {} bytes", longest_marker));
+  server.tell(Event{time_s, "marker", "", said});
+  return fmt::format("marked at {:.3f} s; shown only, no record has it", time_s);
+}
+
+std::string answer(Server& server, const Command& command, double time_s, const Acts& acts) {
+  if (command.name == "marker") return mark(server, command, time_s);
+  const auto act = acts.find(command.name);
+  if (act == acts.end()) throw InputError(fmt::format("{}: not now", command.name));
+  Mapping keys = keys_of(command);
+  return act->second(keys);
+}
+
+}  // namespace
+
+void obey(Server& server, double time_s, const Acts& acts) {
+  while (const auto command = server.take()) {
+    Done done{command->viewer, command->id, true, {}};
+    try {
+      done.text = answer(server, *command, time_s, acts);
+    } catch (const InputError& error) {
+      done.ok = false;
+      done.text = error.what();
+    }
+    server.tell(std::move(done));
+  }
+}
+
+}  // namespace tribotwin::twin::live
