@@ -60,12 +60,13 @@ std::string mode_name(std::int64_t number) {
 void add_target(DriveStatus& status, const twin::Twin& twin, std::size_t i) {
   using Mode = twin::DriveCommand::Mode;
   const twin::DriveCommand& command = twin.commands()[i];
-  if (command.mode == Mode::torque) status.target_nm = command.torque_nm;
+  const auto& binding = twin.model().drives()[i];
+  if (command.mode == Mode::torque) status.target_motor_nm = command.torque_nm / binding.drive.gear_ratio;
   if (command.mode == Mode::velocity) status.target_rad_s = command.velocity_rad_s;
   if (command.mode != Mode::position) return;
   status.target_rad = command.position_rad;
-  const auto address = twin::position_address(twin.model().get(), twin.model().drives()[i]);
-  status.following_error_rad = command.position_rad - twin.data()->qpos[address];
+  status.following_error_rad =
+      command.position_rad - twin.data()->qpos[twin::position_address(twin.model().get(), binding)];
 }
 
 DriveStatus status_of(const Bench& bench, std::size_t i) {

@@ -32,7 +32,7 @@ Object list_schema(const Object& properties) {
 /// Each has one type and no list of types, which Lichtblick does not read. What is not known is null or not there.
 Object status_schema() {
   const Object number = of_type("number", ""), text = of_type("string", "");
-  const Object target = of_type("object", "position_rad, velocity_rad_s, torque_nm, arm side");
+  const Object target = of_type("object", "position_rad, velocity_rad_s, torque_nm (motor side)");
   const Object spread = of_type("object", "median, p99, max [us]; histogram: [below [us], count]");
   return object_schema("tribotwin.Status", {{"simulated_s", of_type("number", "time of the run [s]")},
                                             {"wall_s", of_type("number", "since the start [s]")},

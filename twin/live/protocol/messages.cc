@@ -27,7 +27,7 @@ Json drive_json(const DriveStatus& drive) {
           {"target",
            {{"position_rad", or_null(drive.target_rad)},
             {"velocity_rad_s", or_null(drive.target_rad_s)},
-            {"torque_nm", or_null(drive.target_nm)}}},
+            {"torque_nm", or_null(drive.target_motor_nm)}}},
           {"following_error_rad", or_null(drive.following_error_rad)}};
 }
 

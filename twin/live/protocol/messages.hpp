@@ -54,8 +54,8 @@ struct DriveStatus {
   std::uint16_t error_code = 0;
   std::string error_text;
   std::optional<bool> brake;
-  /// Of the last step, arm side: that which the drive follows.
-  std::optional<double> target_rad = {}, target_rad_s = {}, target_nm = {};
+  /// Of the last step: that which the drive follows. Arm side, but the torque as motor_torque_nm: motor side.
+  std::optional<double> target_rad = {}, target_rad_s = {}, target_motor_nm = {};
   std::optional<double> following_error_rad = {};  ///< of a target position
 };
 
