@@ -19,39 +19,51 @@ def web_address(log):
     raise RuntimeError(f"no line 'web:' in {open(log).read()!r}")
 
 
-def masked(text):
-    """A text message as a browser sends it, with a mask of zeros."""
-    size = struct.pack(">B", 0x80 | len(text)) if len(text) < 126 else struct.pack(">BH", 0xFE, len(text))
-    return b"\x81" + size + bytes(4) + text.encode()
+class WebSocket:
+    """As a browser's, with a mask of zeros. `status`: the answer to its request."""
+
+    def __init__(self, host, port, subprotocol, target="/live", origin=None):
+        self.connection = socket.create_connection((host, port), PATIENCE_S)
+        key = base64.b64encode(bytes(16)).decode()
+        from_where = f"Origin: {origin}\r\n" if origin else ""
+        self.connection.sendall(
+            f"GET {target} HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            f"{from_where}Sec-WebSocket-Version: 13\r\n"
+            f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Protocol: {subprotocol}\r\n\r\n".encode()
+        )
+        self.stream = self.connection.makefile("rb")
+        self.status = self.stream.readline().decode().split()[1]
+        while self.stream.readline() not in (b"\r\n", b""):
+            pass
+
+    def say(self, message):
+        text = json.dumps(message).encode()
+        size = struct.pack(">B", 0x80 | len(text)) if len(text) < 126 else struct.pack(">BH", 0xFE, len(text))
+        self.connection.sendall(b"\x81" + size + bytes(4) + text)
+
+    def hear(self):
+        """(opcode, content) of all that comes, to the end."""
+        while head := self.stream.read(2):
+            size = head[1]
+            if size > 125:
+                size = int.from_bytes(self.stream.read(2 if size == 126 else 8), "big")
+            yield head[0] & 15, self.stream.read(size)
+            if head[0] & 15 == 8:
+                return
 
 
 def messages(host, port, *say, answer=None):
     """(opcode, content) of all that a viewer gets, to the end; it says `say` at once, and to each text what `answer`
     makes of it: a list."""
-    with socket.create_connection((host, port), PATIENCE_S) as connection:
-        key = base64.b64encode(bytes(16)).decode()
-        connection.sendall(
-            f"GET /live HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {key}\r\n"
-            "Sec-WebSocket-Protocol: tribotwin.live.v1\r\n\r\n".encode()
-        )
-        stream = connection.makefile("rb")
-        status = stream.readline()
-        assert b" 101 " in status, status
-        while stream.readline() != b"\r\n":
-            pass
+    viewer = WebSocket(host, port, "tribotwin.live.v1")
+    assert viewer.status == "101", viewer.status
+    with viewer.connection:
         for message in say:
-            connection.sendall(masked(json.dumps(message)))
-        while head := stream.read(2):
-            size = head[1]
-            if size > 125:
-                size = int.from_bytes(stream.read(2 if size == 126 else 8), "big")
-            opcode, content = head[0] & 15, stream.read(size)
+            viewer.say(message)
+        for opcode, content in viewer.hear():
             for message in answer(json.loads(content)) if answer and opcode == 1 else ():
-                connection.sendall(masked(json.dumps(message)))
+                viewer.say(message)
             yield opcode, content
-            if opcode == 8:
-                return
 
 
 def watch(host, port, *say, answer=None):

@@ -1,57 +1,20 @@
 """Foxglove's protocol at `tribotwin run --web` and `tribotwin-hil drive --web`: every double is that of telemetry.h5.
 Arguments: tribotwin, tribotwin-hil, source tree."""
-import base64, json, os, re, socket, struct, subprocess, sys, time
+import json, os, struct, subprocess, sys
 
 import h5py
 import numpy
 
 from harness import check, check_refused, finish, path, run, work
+from web_viewer import PATIENCE_S, WebSocket, web_address
 
 tribotwin, hil, source = sys.argv[1:]
 scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
-PATIENCE_S = 60
 
 
-def address_of(log):
-    """Of the line 'web:', once it is there."""
-    for _ in range(PATIENCE_S * 20):
-        found = re.search(r"^web: http://(127\.0\.0\.1):(\d+)/$", open(log).read(), re.M)
-        if found:
-            return found[1], int(found[2])
-        time.sleep(0.05)
-    raise RuntimeError(f"no line 'web:' in {open(log).read()!r}")
-
-
-class Foxglove:
+def foxglove(host, port, subprotocol, origin):
     """A client written after the protocol's definition."""
-
-    def __init__(self, host, port, subprotocol, origin):
-        self.connection = socket.create_connection((host, port), PATIENCE_S)
-        key = base64.b64encode(bytes(16)).decode()
-        self.connection.sendall(
-            f"GET / HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            f"Origin: {origin}\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {key}\r\n"
-            f"Sec-WebSocket-Protocol: {subprotocol}\r\n\r\n".encode()
-        )
-        self.stream = self.connection.makefile("rb")
-        self.status = self.stream.readline().decode().split()[1]
-        while self.stream.readline() not in (b"\r\n", b""):
-            pass
-
-    def say(self, **message):
-        text = json.dumps(message).encode()
-        size = struct.pack(">B", 0x80 | len(text)) if len(text) < 126 else struct.pack(">BH", 0xFE, len(text))
-        self.connection.sendall(b"\x81" + size + bytes(4) + text)
-
-    def hear(self):
-        """(opcode, content) of all that comes, to the end."""
-        while head := self.stream.read(2):
-            size = head[1]
-            if size > 125:
-                size = int.from_bytes(self.stream.read(2 if size == 126 else 8), "big")
-            yield head[0] & 15, self.stream.read(size)
-            if head[0] & 15 == 8:
-                return
+    return WebSocket(host, port, subprotocol, "/", origin)
 
 
 def listen(client):
@@ -64,8 +27,8 @@ def listen(client):
             if text["op"] == "advertise":
                 channels = {c["topic"]: c for c in text["channels"]}
                 wanted = [{"id": 100 + c["id"], "channelId": c["id"]} for c in text["channels"]]
-                client.say(op="subscribe", subscriptions=wanted)
-                client.say(op="getParameters", parameterNames=[], id="1")
+                client.say({"op": "subscribe", "subscriptions": wanted})
+                client.say({"op": "getParameters", "parameterNames": [], "id": "1"})
         elif opcode == 2 and content[0] == 2:
             times.append(struct.unpack("<Q", content[1:])[0])
         elif opcode == 2:
@@ -104,10 +67,10 @@ def follow(name, subprotocol, *command):
         command = [*command, "-o", name, "--web", "127.0.0.1:0", "--web-origin", origin]
         process = subprocess.Popen(command, cwd=work, stderr=log)
         try:
-            address = address_of(path(name + ".log"))
-            check(f"{name}: another origin", Foxglove(*address, subprotocol, "http://evil.example").status == "403")
-            check(f"{name}: it gets no page", Foxglove(*address, "tribotwin.live.v1", origin).status == "403")
-            client = Foxglove(*address, subprotocol, origin)
+            address = web_address(path(name + ".log"))
+            check(f"{name}: another origin", foxglove(*address, subprotocol, "http://evil.example").status == "403")
+            check(f"{name}: it gets no page", foxglove(*address, "tribotwin.live.v1", origin).status == "403")
+            client = foxglove(*address, subprotocol, origin)
             check(f"{name}: the named origin", client.status == "101", client.status)
             channels, messages, texts, times = listen(client)
             code = process.wait(PATIENCE_S)
