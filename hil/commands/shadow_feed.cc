@@ -28,6 +28,8 @@ twin::live::Hello shadow_hello(const twin::Scenario& scenario, const std::string
   auto hello = twin::live::hello_of(scenario, "shadow", version);
   hello.commands = {"marker"};
   hello.law = nullptr;
+  hello.geometry.clear();  // a shadow tells no poses
+  hello.bodies = 0;
   hello.columns = {{"", "time_s", "s"}};
   for (const auto& joint : hello.joints)
     for (const ShadowColumn& column : shadow_columns) hello.columns.push_back({joint.name, column.name, column.unit});

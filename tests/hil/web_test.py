@@ -123,6 +123,7 @@ def test_shadow():
     check("shadow: the limit is exceeded, and it says good bye", (code, end) == (3, 1001), content("shadow.log"))
     check_answers("shadow", texts)
     compare_with_csv(texts["hello"][0], numbers, rows)
+    check("shadow: it knows no poses, so it shows no robot", texts["hello"][0]["bodies"] == 0, texts["hello"][0])
     last = texts["status"][-1]
     residual = {r["joint"]: r for r in last["residual"]}
     limits = [residual[f"joint{n}"]["limit_nm"] for n in nodes]
