@@ -222,6 +222,11 @@ def check_events(tab, bench):
     check("and marks on a line of time", tab.value("document.querySelectorAll('#timeline .sign').length") == 2)
 
 
+def refused(line, port):
+    """The browser's own word for each attempt to reach a killed bench; the last one's can come late."""
+    return f"ws://127.0.0.1:{port}/live" in line and ("failed" in line or "ERR_CONNECTION" in line)
+
+
 def check_reconnect(tab, bench, folder):
     port = bench.port
     bench.kill()
@@ -235,7 +240,6 @@ def check_reconnect(tab, bench, folder):
     check(
         "a command without connection is not called sent", answer == "resume: not sent, there is no connection", answer
     )
-    tab.console[:] = [c for c in tab.console if "WebSocket connection to" not in c and "ERR_CONNECTION" not in c]
     again = mock_bench.MockBench(folder, mock_bench.hello(session="second", commands=["marker", "later"]), port)
     check("it comes back by itself", tab.until("document.body.dataset.link === 'up'", 12))
     again.rows(0, [row(n) for n in range(50)])
@@ -342,7 +346,8 @@ def main():
         )
         watching = check_readonly(tab, folder)
         check_memory(tab, watching)
-        check("no console message until the end", not tab.console, tab.console)
+        lines = [line for line in tab.console if not refused(line, bench.port)]
+        check("no console message until the end", not lines, lines)
         check("no file is asked for that there is not", missing + watching.not_found == [], missing)
     finally:
         browser.close()
