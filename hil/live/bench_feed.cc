@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 
 #include <fmt/format.h>
 
@@ -117,12 +118,35 @@ void BenchFeed::status(const SessionStatus& session) {
   }
   status.joints = twin::live::joints_of(session.bench->plant().twin());
   time_s_ = session.simulated_s;
+  add_times_to_limits(status, session.bench->plant().twin());
   tell_errors(status);
   twin::live::Acts acts;
   if (SessionControl* control = session.control)
     acts["fault"] = [this, control](twin::Mapping& keys) { return inject(*control, keys); };
   twin::live::obey(server_, time_s_, acts);
   server_.tell(std::move(status));
+}
+
+void BenchFeed::add_times_to_limits(twin::live::Status& status, const twin::Twin& twin) {
+  constexpr double longest_s = 60, shortest_s = 5, apart_s = 0.5;
+  if (heat_.empty() || time_s_ >= heat_.back().time_s + apart_s) {
+    Heat now{time_s_, {}};
+    for (const drive::Workspace& joint : status.joints) now.joints_J.push_back(joint.heat_J);
+    heat_.push_back(std::move(now));
+  }
+  while (heat_.size() > 1 && heat_[1].time_s <= time_s_ - longest_s) heat_.pop_front();
+  const double length_s = time_s_ - heat_.front().time_s;
+  if (length_s < shortest_s) return;
+  for (std::size_t i = 0; i < status.drives.size(); ++i) {
+    const drive::Drive& joint = twin.model().drives()[i].drive;
+    const double limit_degC = joint.law.range.temperature_max_degC;
+    const bool is_held = status.joints[i].temperature_held != 0 || joint.thermal.order == thermal::Order::prescribed;
+    if (is_held || !std::isfinite(limit_degC)) continue;
+    const double power_W = (status.joints[i].heat_J - heat_.front().joints_J[i]) / length_s;
+    status.drives[i].time_to_limit_s =
+        thermal::time_to_reach_s(joint.thermal, twin.state(i).rise, power_W, status.joints[i].ambient_offset_K,
+                                 limit_degC - joint.thermal.T_amb_degC);
+  }
 }
 
 std::string BenchFeed::inject(SessionControl& control, twin::Mapping& keys) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <deque>
 #include <string>
 #include <vector>
 
@@ -23,11 +24,18 @@ class BenchFeed {
  private:
   std::string inject(SessionControl& control, twin::Mapping& keys);
   void tell_errors(const twin::live::Status& status);
+  void add_times_to_limits(twin::live::Status& status, const twin::Twin& twin);
 
   twin::live::Server& server_;
   bool recording_;
   double time_s_ = 0;
   std::vector<std::uint16_t> codes_;
+  /// Heat of each joint since the start [J], over the last minute of simulated time.
+  struct Heat {
+    double time_s;
+    std::vector<double> joints_J;
+  };
+  std::deque<Heat> heat_;
 };
 
 }  // namespace tribotwin::hil

@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <utility>
 
 #include <tribotwin/plugins/thermal/thermal.hpp>
 
@@ -51,6 +53,18 @@ constexpr ModelInfo table[] = {
 };
 static_assert(std::ranges::all_of(table, [](const ModelInfo& row) { return &row - table == int(row.order); }));
 
+/// When the total rise at constant power stops rising or falling; infinite where it does not.
+double turning_time_s(const Model& model, const Rise& rise, double power_W, double ambient_offset_K) {
+  constexpr double never = std::numeric_limits<double>::infinity();
+  double slope[2];  // of each node now [K/s]
+  for (int i : {0, 1})
+    slope[i] = model.gain_K_J[i] * power_W + (model.share(i) * ambient_offset_K - rise.node_K[i]) / model.t_s[i];
+  const double rate_1_s = 1 / model.t_s[0] - 1 / model.t_s[1];
+  if (slope[0] * slope[1] >= 0 || rate_1_s == 0) return never;
+  const double turn_s = std::log(-slope[0] / slope[1]) / rate_1_s;
+  return turn_s > 0 ? turn_s : never;
+}
+
 }  // namespace
 
 std::span<const ModelInfo> models() { return table; }
@@ -87,6 +101,28 @@ std::vector<double> values(const Model& model) { return info(model.order).values
 
 Decay decay(const Model& model, double dt_s) {
   return {dt_s, {-std::expm1(-dt_s / model.t_s[0]), -std::expm1(-dt_s / model.t_s[1])}};
+}
+
+double time_to_reach_s(const Model& model, const Rise& rise, double power_W, double ambient_offset_K, double total_K) {
+  constexpr double never = std::numeric_limits<double>::infinity();
+  if (rise.total_K() >= total_K) return 0;
+  if (model.order == Order::prescribed) return never;
+  const auto at = [&](double time_s) {
+    Rise then = rise;
+    step(model, decay(model, time_s), power_W, ambient_offset_K, then);
+    return then.total_K();
+  };
+  // A sum of two exponentials turns once at most.
+  const double end_s = 50 * model.slowest_s(), turn_s = turning_time_s(model, rise, power_W, ambient_offset_K);
+  for (auto [from_s, to_s] : {std::pair(0.0, std::min(turn_s, end_s)), std::pair(std::min(turn_s, end_s), end_s)}) {
+    if (at(to_s) < total_K) continue;
+    for (int i = 0; i < 100; ++i) {
+      const double middle_s = (from_s + to_s) / 2;
+      (at(middle_s) < total_K ? from_s : to_s) = middle_s;
+    }
+    return to_s;
+  }
+  return never;
 }
 
 Rise steady_rise(const Model& model, double total_K) {

@@ -94,6 +94,10 @@ inline void step(const Model& model, const Decay& decay, double power_W, double 
   }
 }
 
+/// Time [s] after which the total rise reaches `total_K` at constant power [W], with the ambient temperature
+/// `ambient_offset_K` above T_amb: 0 where it is reached, infinite where it never will be, or is prescribed.
+double time_to_reach_s(const Model& model, const Rise& rise, double power_W, double ambient_offset_K, double total_K);
+
 /// Distributes a total rise [K] over the nodes as in steady state.
 Rise steady_rise(const Model& model, double total_K);
 

@@ -99,6 +99,11 @@ def check_targets(hello, statuses, rows):
     check("replay: the target moves", len(targets) > 3 and max(targets) - min(targets) > 1e-3, targets)
     wrong = [m for m in moving if m[1] != m[0]["position_rad"] - m[2] or m[0]["torque_nm"] is not None]
     check("replay: the following error is that of the row", not wrong, wrong[:3])
+    begun_s = statuses[0]["simulated_s"]
+    early = [d["reaches_limit"] for s in statuses if s["simulated_s"] < begun_s + 4.9 for d in s["drives"]]
+    late = [d["reaches_limit"] for s in statuses if s["simulated_s"] > begun_s + 5.6 for d in s["drives"]]
+    check("replay: the heat of a moment says nothing of a limit", early and set(early) == {None}, early)
+    check("replay: that of five seconds does", late and None not in late, late)
     off = [s["drives"][1] for s in statuses if s["drives"][1]["state"] == "switch on disabled"]
     check("replay: no power, no target", all(d["target"]["position_rad"] is None for d in off), off)
 

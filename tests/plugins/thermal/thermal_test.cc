@@ -1,4 +1,5 @@
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -53,6 +54,44 @@ TEST(Thermal, SteadyRiseStays) {
   const Rise before = rise;
   step(model, decay(model, 33), 500, 0, rise);
   for (int i : {0, 1}) EXPECT_NEAR(rise.node_K[i], before.node_K[i], 1e-12);
+}
+
+/// By steps of 0.01 s.
+double time_by_steps_s(const Model& model, Rise rise, double power_W, double total_K) {
+  const Decay d = decay(model, 0.01);
+  for (int k = 0; k < 2'000'000; ++k) {
+    if (rise.total_K() >= total_K) return 0.01 * k;
+    step(model, d, power_W, 0, rise);
+  }
+  return std::numeric_limits<double>::infinity();
+}
+
+TEST(Thermal, TimeToReachARiseIsThatOfTheSteps) {
+  const Model first = make_model(Order::first, 25, std::vector{0.15, 1094.0});
+  const Model second = make_model(Order::second, 20, std::vector{1e-3, 2e-5, 100.0, 2000.0});
+  const struct {
+    Model model;
+    Rise rise;
+    double power_W, total_K;
+  } cases[] = {
+      {first, {{5, 0}}, 300, 30},      // rises
+      {first, {{5, 0}}, 300, 46},      // ends below
+      {first, {{5, 0}}, 300, 4},       // is there
+      {second, {{0, 0}}, 300, 35},     // rises
+      {second, {{0, 9}}, 100, 15},     // rises by the fast node, then falls below where it was
+      {second, {{0, 20}}, 100, 25},    // the same, and never comes so far
+      {second, {{20, 0}}, 110, 14},    // is there
+      {second, {{12, 0}}, 100, 12.5},  // falls by the fast node, then rises
+      {make_model(Order::prescribed, 20, {}), {{10, 0}}, 1000, 20},
+  };
+  for (const auto& [model, rise, power_W, total_K] : cases) {
+    const double expected = time_by_steps_s(model, rise, power_W, total_K);
+    const double found = time_to_reach_s(model, rise, power_W, 0, total_K);
+    if (std::isinf(expected))
+      EXPECT_EQ(found, expected) << total_K;
+    else
+      EXPECT_NEAR(found, expected, 0.01) << total_K;
+  }
 }
 
 }  // namespace

@@ -22,7 +22,7 @@ function limitText(drive, joint, temperature_degC) {
   if (!(room_K > 0)) return `limit ${withUnit(joint.limit_degC, 'degC')}: exceeded`;
   const near = room_K < warning_K ? 'warm: ' : '';
   const when = isNumber(drive?.time_to_limit_s) ? `, reached in ${duration(drive.time_to_limit_s)}`
-    : drive?.time_to_limit_s === null ? ', not reached at this loss' : '';
+    : drive?.reaches_limit === false ? ', not reached at this loss' : '';
   return `${near}${withUnit(room_K, 'K')} below ${withUnit(joint.limit_degC, 'degC')}${when}`;
 }
 

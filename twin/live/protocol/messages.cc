@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -28,7 +29,9 @@ Json drive_json(const DriveStatus& drive) {
            {{"position_rad", or_null(drive.target_rad)},
             {"velocity_rad_s", or_null(drive.target_rad_s)},
             {"torque_nm", or_null(drive.target_motor_nm)}}},
-          {"following_error_rad", or_null(drive.following_error_rad)}};
+          {"following_error_rad", or_null(drive.following_error_rad)},
+          {"reaches_limit", drive.time_to_limit_s ? Json(std::isfinite(*drive.time_to_limit_s)) : Json(nullptr)},
+          {"time_to_limit_s", or_null(drive.time_to_limit_s)}};
 }
 
 Json spread_json(const std::optional<Spread>& spread) {

@@ -57,6 +57,8 @@ struct DriveStatus {
   /// Of the last step: that which the drive follows. Arm side, but the torque as motor_torque_nm: motor side.
   std::optional<double> target_rad = {}, target_rad_s = {}, target_motor_nm = {};
   std::optional<double> following_error_rad = {};  ///< of a target position
+  /// Until it reaches its limit, if its loss stays as it was lately; infinite: never; without: not known.
+  std::optional<double> time_to_limit_s = {};
 };
 
 /// Of times since the start [us].

@@ -23,11 +23,10 @@ def status(**changes):
     drives = [{"joint": name, "bus": "can0", "node": j + 1, "nmt": "operational"} for j, name in enumerate(names)]
     for j, drive in enumerate(drives):
         drive.update(state="operation enabled", mode="CSP", error_code=0, error_text=None, brake=False)
-        drive.update(
-            target={"position_rad": j / 7, "torque_nm": None}, following_error_rad=j / 3000, time_to_limit_s=None
-        )
+        drive.update(target={"position_rad": j / 7, "torque_nm": None}, following_error_rad=j / 3000)
+        drive.update(time_to_limit_s=None, reaches_limit=False)
     drives[2].update(state="fault", error_code=0x8611, error_text="following error", brake=True)
-    drives[4].update(time_to_limit_s=412.5)
+    drives[4].update(time_to_limit_s=412.5, reaches_limit=True)
     times = {"median": 1000.25, "p99": 1034.125, "max": 1240.5}
     answers = {"median": 84.5, "p99": 121.75, "max": 240.0, "histogram": [[50, 0], [100, 900], [200, 95], [None, 5]]}
     bus = {"name": "can0", "load": 0.6123456, "bit_rate": 1000000, "frames_in": 700, "frames_out": 1300, "syncs": 100}
