@@ -151,7 +151,9 @@ struct Viewers {
   }
   static twin::live::Hello hello_of(const twin::Scenario& scenario) {
     auto hello = twin::live::hello_of(scenario, "drive", TRIBOTWIN_VERSION);
-    hello.commands.emplace_back("fault");
+    hello.commands = {"fault"};
+    for (const twin::live::EventCommand& command : twin::live::event_commands())
+      hello.commands.emplace_back(command.name);
     hello.faults = fault_kinds();
     return hello;
   }

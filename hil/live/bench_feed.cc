@@ -120,10 +120,7 @@ void BenchFeed::status(const SessionStatus& session) {
   time_s_ = session.simulated_s;
   add_times_to_limits(status, session.bench->plant().twin());
   tell_errors(status);
-  twin::live::Acts acts;
-  if (SessionControl* control = session.control)
-    acts["fault"] = [this, control](twin::Mapping& keys) { return inject(*control, keys); };
-  twin::live::obey(server_, time_s_, acts);
+  twin::live::obey(server_, time_s_, session.control ? acts(*session.control) : twin::live::Acts());
   server_.tell(std::move(status));
 }
 
@@ -147,6 +144,20 @@ void BenchFeed::add_times_to_limits(twin::live::Status& status, const twin::Twin
         thermal::time_to_reach_s(joint.thermal, twin.state(i).rise, power_W, status.joints[i].ambient_offset_K,
                                  limit_degC - joint.thermal.T_amb_degC);
   }
+}
+
+twin::live::Acts BenchFeed::acts(SessionControl& control) {
+  twin::live::Acts all;
+  all["fault"] = [&](twin::Mapping& keys) { return inject(control, keys); };
+  for (const twin::live::EventCommand& command : twin::live::event_commands())
+    all[command.name] = [&](twin::Mapping& keys) { return happen(control, twin::live::event_of(command, keys)); };
+  return all;
+}
+
+std::string BenchFeed::happen(SessionControl& control, const YAML::Node& event) {
+  const bool recorded = control.happen(event);
+  server_.tell(twin::live::told(time_s_, event));
+  return fmt::format("at {:.3f} s, {}", time_s_, recorded ? "in the record" : "which no record has");
 }
 
 std::string BenchFeed::inject(SessionControl& control, twin::Mapping& keys) {

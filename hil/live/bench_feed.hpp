@@ -22,7 +22,9 @@ class BenchFeed {
   void note(const std::string& text);
 
  private:
+  twin::live::Acts acts(SessionControl& control);
   std::string inject(SessionControl& control, twin::Mapping& keys);
+  std::string happen(SessionControl& control, const YAML::Node& event);
   void tell_errors(const twin::live::Status& status);
   void add_times_to_limits(twin::live::Status& status, const twin::Twin& twin);
 

@@ -117,9 +117,20 @@ class Session : SessionControl {
     if (o_.note) o_.note(what);
   }
 
-  void inject(twin::Mapping& keys) override {
+  void require_repeats(const std::string& what) const {
     if (record_ && !record_->repeats())
-      throw twin::InputError("fault: the record is no regular file, so a replay could not repeat it");
+      throw twin::InputError(what + ": the record is no regular file, so a replay could not repeat it");
+  }
+
+  bool happen(YAML::Node event) override {
+    require_repeats(event["type"].as<std::string>());
+    bench_.plant().happen(event);
+    if (record_) record_->event(twin::to_text(event));
+    return record_ || !o_.output.empty();
+  }
+
+  void inject(twin::Mapping& keys) override {
+    require_repeats("fault");
     const Fault fault = read_fault(keys, bench_.joints(), o_.first_node, o_.wiring);
     if (std::ranges::any_of(buses_, [](LiveBus& live) { return live.bus.is_full(); }))
       throw twin::InputError("fault: 64 are at work, which is the most");

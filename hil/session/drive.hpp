@@ -23,6 +23,8 @@ class SessionControl {
   virtual ~SessionControl() = default;
   /// A fault begins now, as read_fault reads it. Throws InputError.
   virtual void inject(twin::Mapping& keys) = 0;
+  /// An event of a scenario happens now (Plant::happen); whether a record has it. Throws InputError.
+  virtual bool happen(YAML::Node event) = 0;
 };
 
 /// State of a session for its status line.

@@ -77,6 +77,15 @@ void Plant::impose(const DriveFault& fault) {
   if (fault.on) frozen_rad_[fault.drive] = feedback(fault.drive).position_rad;
 }
 
+void Plant::happen(YAML::Node node) {
+  constexpr double longest_s = 1e9;  // a session ends when it is stopped: a fault must not grow beyond its most
+  node["time_s"] = twin_.time_s();
+  twin::Event event =
+      twin::read_event(twin::Mapping(node["type"].as<std::string>(), "", node), *scenario_.model, longest_s);
+  if (recorder_) twin::or_wrong_input(recorder_->add_event(node));
+  twin_.happen(std::move(event));
+}
+
 void Plant::show(std::span<const std::unique_ptr<BusDrive>> drives) {
   for (std::size_t i = 0; i < drives.size(); ++i) drives[i]->feedback(feedback(i), 0);
 }

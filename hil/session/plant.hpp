@@ -55,6 +55,9 @@ class Plant {
   /// An injected fault begins or ends: the encoder keeps its last value, the drive reports another temperature, or the
   /// safety circuit takes the torque away.
   void impose(const DriveFault& fault);
+  /// Something happens now: an entry of a scenario's `events` without its time. The record has it too, in
+  /// scenario.yaml. Throws twin::InputError, and then nothing happened.
+  void happen(YAML::Node event);
 
  private:
   Feedback feedback(std::size_t i) const;

@@ -218,6 +218,7 @@ class Replay {
     turn_now_ = std::move(now);
     keeps_ = 0;
     const Turn& turn = turn_now_;
+    if (auto ok = happen(turn); !ok) return ok;
     if (now_ns > ticked_ns_)
       if (auto ok = work(bench_.tick(ticked_ns_ = now_ns)); !ok) return ok;
     if (auto ok = impose(turn, 0); !ok) return ok;
@@ -243,6 +244,14 @@ class Replay {
   }
 
   static Status work(Status status) { return status ? status : work_failed(status.error().message); }
+
+  Status happen(const Turn& turn) try {
+    for (const std::string& event : turn.events) bench_.plant().happen(YAML::Load(event));
+    return {};
+  } catch (const std::exception& wrong) {
+    return tl::unexpected(
+        fmt::format("{}: has an event that this scenario cannot have: {}", session_->file().string(), wrong.what()));
+  }
 
   /// The faults of a turn after so many frames.
   Status impose(const Turn& turn, std::size_t after) {

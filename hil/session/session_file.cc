@@ -24,7 +24,7 @@ constexpr std::size_t longest_start_file = 64 << 20;
 constexpr std::int64_t most_steps = 1'000'000;  ///< of one turn; a session makes a few hundred at most
 constexpr std::string_view off = "off", on = "on", end_of_turn = "end", back = "recovered", foreign = "misleading",
                            moved = "steps", lost = "not_kept", no_numbers = "unconfigured", absent = "absent",
-                           of_bus = "bus";
+                           of_bus = "bus", happened = "event";
 
 /// The faults of a drive, as the list of faults calls them.
 struct Named {
@@ -43,6 +43,31 @@ std::pair<std::string_view, std::string_view> split(std::string_view word, char 
   const auto mark = word.find(at);
   if (mark == word.npos) return {};
   return {word.substr(0, mark), word.substr(mark + 1)};
+}
+
+/// Any text as one word.
+std::string as_word(std::string_view text) {
+  std::string word;
+  for (const char c : text) {
+    const bool plain = static_cast<unsigned char>(c) > ' ' && c != '%' && c != 0x7f;
+    word += plain ? std::string(1, c) : fmt::format("%{:02X}", static_cast<unsigned char>(c));
+  }
+  return word;
+}
+
+std::optional<std::string> from_word(std::string_view word) {
+  std::string text;
+  for (std::size_t i = 0; i < word.size(); ++i) {
+    if (word[i] != '%') {
+      text += word[i];
+      continue;
+    }
+    const auto code = to_integer<unsigned char>(word.substr(i + 1, 2), 16);
+    if (!code || i + 2 >= word.size()) return std::nullopt;
+    text += static_cast<char>(*code);
+    i += 2;
+  }
+  return text;
 }
 
 /// AFTER:DRIVE:STATE of a fault.
@@ -78,6 +103,11 @@ bool parse_word(std::string_view word, Turn& turn) {
     const auto number = to_integer<std::size_t>(value);
     if (number) (key == foreign ? turn.misleading : turn.not_kept).push_back(*number);
     return number.has_value();
+  }
+  if (key == happened) {
+    auto text = from_word(value);
+    if (text) turn.events.push_back(std::move(*text));
+    return text.has_value();
   }
   const auto named = std::ranges::find(drive_faults, key, &Named::word);
   if (named == std::end(drive_faults)) return false;
@@ -144,6 +174,7 @@ Result<SessionWriter> SessionWriter::create(const fs::path& file, const SessionH
 
 Result<void> SessionWriter::write(const Turn& turn) {
   std::string line = std::to_string((turn.time_ns - std::exchange(last_ns_, turn.time_ns)) / 1000);
+  for (const std::string& event : turn.events) line += fmt::format(" {}={}", happened, as_word(event));
   if (turn.steps > 0) line += fmt::format(" {}={}", moved, turn.steps);
   for (const std::size_t frame : turn.misleading) line += fmt::format(" {}={}", foreign, frame);
   for (const Turn::Imposed& imposed : turn.faults) line += word_of(imposed);

@@ -37,6 +37,7 @@ struct Turn {
   std::vector<Imposed> faults;
   std::vector<std::size_t> not_kept;   ///< of the commands to store (0, 1, ...) those whose file could not be written
   std::vector<std::size_t> recovered;  ///< buses that were back after a link loss
+  std::vector<std::string> events;     ///< of the scenario, which happened before all else: YAML
 
   bool operator==(const Turn&) const = default;
 };

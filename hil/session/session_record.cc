@@ -17,6 +17,12 @@ Result<SessionRecord> SessionRecord::create(const std::filesystem::path& log, co
   return SessionRecord(std::move(*frames), std::move(session), head.start_ns);
 }
 
+void SessionRecord::begin(std::int64_t time_ns) {
+  turn_ = {.time_ns = time_ns};
+  turn_.events = std::exchange(events_, {});
+  frames_ = keeps_ = 0;
+}
+
 Result<void> SessionRecord::frame(std::size_t bus, Frame frame, bool misleading) {
   frame.time_ns = turn_.time_ns;
   if (misleading) turn_.misleading.push_back(frames_);
@@ -26,7 +32,7 @@ Result<void> SessionRecord::frame(std::size_t bus, Frame frame, bool misleading)
 
 Result<void> SessionRecord::end() {
   const bool says_more = turn_.steps > 0 || !turn_.recovered.empty() || !turn_.misleading.empty() ||
-                         !turn_.faults.empty() || !turn_.not_kept.empty() || frames_ == 0;
+                         !turn_.faults.empty() || !turn_.not_kept.empty() || !turn_.events.empty() || frames_ == 0;
   return session_ && says_more ? session_->write(turn_) : Result<void>{};
 }
 
@@ -36,6 +42,10 @@ Result<void> SessionRecord::flush() {
 }
 
 Result<void> SessionRecord::finish() {
+  if (!events_.empty()) {
+    begin(turn_.time_ns);
+    if (auto ok = end(); !ok) return ok;
+  }
   if (auto ok = log_.finish(); !ok) return ok;
   return session_ ? session_->finish() : Result<void>{};
 }

@@ -1,6 +1,9 @@
 #pragma once
 
 #include <optional>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
@@ -16,7 +19,9 @@ class SessionRecord {
   bool repeats() const { return session_.has_value(); }
 
   /// A new turn; all that follows belongs to it. `time_ns`: CLOCK_REALTIME.
-  void begin(std::int64_t time_ns) { turn_ = {.time_ns = time_ns}, frames_ = keeps_ = 0; }
+  void begin(std::int64_t time_ns);
+  /// Between two turns: an event of the scenario happened, in YAML.
+  void event(std::string text) { events_.push_back(std::move(text)); }
   /// A frame of this turn on `bus`. `misleading`: it was not sent by whom its identifier says.
   Result<void> frame(std::size_t bus, Frame frame, bool misleading);
   void fault(const DriveFault& fault) { turn_.faults.push_back({turn_.steps ? Turn::at_end : frames_, fault}); }
@@ -40,6 +45,7 @@ class SessionRecord {
   LogWriter log_;
   std::optional<SessionWriter> session_;
   Turn turn_;
+  std::vector<std::string> events_;     // of the turn to come
   std::size_t frames_ = 0, keeps_ = 0;  // of this turn
 };
 

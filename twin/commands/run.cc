@@ -359,7 +359,7 @@ Summary simulate(const Arguments& a, const Scenario& scenario, const fs::path& o
                      .progress = [&](double share, double left) { progress(share, left); }};
   if (feed) {
     options.sample = [&](const Twin& twin, double time_s) { feed->sample(twin, time_s); };
-    options.held = [&](const Twin& twin) { return feed->held(twin); };
+    options.held = [&](RunningTwin& run) { return feed->held(run); };
   }
   return or_throw(twin::run(scenario, options));
 }

@@ -122,7 +122,8 @@ bool Mapping::flag_or(const std::string& key, bool fallback) {
 std::string Mapping::text(const std::string& key) {
   const YAML::Node node = take(key);
   if (!node) fail(key, "is missing");
-  if (!node.IsScalar() || node.Scalar().empty()) fail(key, fmt::format("is {} but must be text", kind(node)));
+  if (!node.IsScalar()) fail(key, fmt::format("is {} but must be text", kind(node)));
+  if (node.Scalar().empty()) fail(key, "is empty but must be text");
   return node.Scalar();
 }
 std::string Mapping::text_or(const std::string& key, std::string fallback) {

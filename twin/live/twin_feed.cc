@@ -10,6 +10,17 @@
 
 namespace tribotwin::twin::live {
 
+namespace {
+
+std::vector<std::string> parameters_of(const friction::Law& law) {
+  std::vector<std::string> names;
+  if (law.info)
+    for (const auto& parameter : law.info->parameters) names.emplace_back(parameter.name);
+  return names;
+}
+
+}  // namespace
+
 Hello hello_of(const Scenario& scenario, std::string program, std::string version) {
   const mujoco::Model& model = *scenario.model;
   Hello hello{.program = std::move(program),
@@ -28,10 +39,12 @@ Hello hello_of(const Scenario& scenario, std::string program, std::string versio
     const double limit_degC = law.range.temperature_max_degC;
     hello.joints.push_back({joint, law.info ? std::string(law.info->name) : std::string(),
                             std::isfinite(limit_degC) ? std::optional(limit_degC) : std::nullopt,
-                            binding.drive.gear_ratio});
+                            binding.drive.gear_ratio, parameters_of(law)});
     const std::vector<std::string> of_units = units(model, binding);
     for (std::size_t c = 0; c < all.size(); ++c) hello.columns.push_back({joint, all[c].name, of_units[c]});
   }
+  for (const drive::FaultInfo& fault : drive::faults())
+    hello.joint_faults.emplace_back(std::string(fault.name), fault.maximum);
   hello.geometry = geometry_json(model);
   hello.bodies = static_cast<std::size_t>(model->nbody);
   return hello;
@@ -57,12 +70,18 @@ void TwinFeed::sample(const Twin& twin, double time_s) {
   if (rows_left_ > 0) --rows_left_;
 }
 
-bool TwinFeed::held(const Twin& twin) {
+std::vector<std::string> TwinFeed::commands() {
+  std::vector<std::string> all{"pause", "resume", "step"};
+  for (const EventCommand& command : event_commands()) all.emplace_back(command.name);
+  return all;
+}
+
+bool TwinFeed::held(RunningTwin& run) {
   const auto now = Clock::now();
   if (now >= status_due_) {
     status_due_ = now + status_period;
-    obey(server_, twin.time_s(), acts(twin));
-    tell_status(twin);
+    obey(server_, run.twin().time_s(), acts(run));
+    tell_status(run.twin());
   }
   return paused_ && rows_left_ == 0;
 }
@@ -75,17 +94,26 @@ void TwinFeed::tell_status(const Twin& twin) {
                       .joints = joints_of(twin)});
 }
 
-Acts TwinFeed::acts(const Twin& twin) {
-  const auto paused = [this, &twin](bool now) {
-    return [this, &twin, now](Mapping& keys) {
+Acts TwinFeed::acts(RunningTwin& run) {
+  const auto paused = [this, &run](bool now) {
+    return [this, &run, now](Mapping& keys) {
       keys.done();
       if (paused_ == now) throw InputError(fmt::format("the run is {}", now ? "paused already" : "not paused"));
       paused_ = now;
       rows_left_ = 0;
-      return fmt::format("{} at {:.3f} s", now ? "paused" : "goes on", twin.time_s());
+      return fmt::format("{} at {:.3f} s", now ? "paused" : "goes on", run.twin().time_s());
     };
   };
-  return {{"pause", paused(true)}, {"resume", paused(false)}, {"step", [this](Mapping& keys) { return step(keys); }}};
+  Acts all{{"pause", paused(true)}, {"resume", paused(false)}, {"step", [this](Mapping& keys) { return step(keys); }}};
+  for (const EventCommand& command : event_commands())
+    all[command.name] = [this, &run, &command](Mapping& keys) { return happen(run, event_of(command, keys)); };
+  return all;
+}
+
+std::string TwinFeed::happen(RunningTwin& run, YAML::Node event) {
+  run.happen(event);
+  server_.tell(told(run.twin().time_s(), event));
+  return fmt::format("at {:.3f} s{}", run.twin().time_s(), recording_ ? ", in the record" : ", which no record has");
 }
 
 std::string TwinFeed::step(Mapping& keys) {

@@ -4,7 +4,7 @@
 
 #include <tribotwin/twin/live/commands.hpp>
 #include <tribotwin/twin/live/server.hpp>
-#include <tribotwin/twin/simulation/twin.hpp>
+#include <tribotwin/twin/simulation/run.hpp>
 
 /// A twin on a live bench.
 namespace tribotwin::twin::live {
@@ -23,16 +23,17 @@ class TwinFeed {
  public:
   /// `recording`: the run writes telemetry.
   TwinFeed(Server& server, bool recording) : server_(server), recording_(recording) {}
-  /// What its pages may ask beside `marker`: `pause`, `resume`, `step`.
-  static std::vector<std::string> commands() { return {"marker", "pause", "resume", "step"}; }
+  /// What its pages may ask.
+  static std::vector<std::string> commands();
   /// A row as telemetry.h5 has it, of the step that began at `time_s`.
   void sample(const Twin& twin, double time_s);
   /// To be called between steps, and again while it is true: a page has paused the run. Now and then obeys commands and
   /// tells the status.
-  bool held(const Twin& twin);
+  bool held(RunningTwin& run);
 
  private:
-  Acts acts(const Twin& twin);
+  Acts acts(RunningTwin& run);
+  std::string happen(RunningTwin& run, YAML::Node event);
   std::string step(Mapping& keys);
   void tell_status(const Twin& twin);
   using Clock = std::chrono::steady_clock;

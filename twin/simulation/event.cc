@@ -31,6 +31,14 @@ void read_fault(Mapping& in, const mujoco::Model& model, double duration_s, Even
   event.what = FaultChange{drive, fault.type, fault.severity, growth_per_h};
 }
 
+void read_marker(Mapping& in, const mujoco::Model&, double, Event& event) {
+  constexpr std::size_t longest = 200;
+  Marker marker{in.text("text")};
+  if (marker.text.size() > longest)
+    in.fail("text", fmt::format("is {} bytes long, but at most {} are kept", marker.text.size(), longest));
+  event.what = std::move(marker);
+}
+
 /// One row per type of event.
 constexpr std::pair<std::string_view, void (*)(Mapping&, const mujoco::Model&, double duration_s, Event&)>
     event_types[] = {
@@ -39,6 +47,7 @@ constexpr std::pair<std::string_view, void (*)(Mapping&, const mujoco::Model&, d
         {"wear",
          [](Mapping& in, const mujoco::Model& model, double, Event& event) { event.what = read_wear(in, model); }},
         {"fault", read_fault},
+        {"marker", read_marker},
 };
 
 }  // namespace
@@ -49,6 +58,12 @@ Event read_event(Mapping in, const mujoco::Model& model, double duration_s) {
   choice_of(in, "type", event_types)(in, model, duration_s, event);
   in.done();
   return event;
+}
+
+std::string with_event(const std::string& resolved_yaml, const YAML::Node& event) {
+  YAML::Node root = YAML::Load(resolved_yaml);
+  root["events"].push_back(event);
+  return to_text(root);
 }
 
 Wear read_wear(Mapping& in, const mujoco::Model& model) {

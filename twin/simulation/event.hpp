@@ -28,9 +28,13 @@ struct FaultChange {
   const drive::FaultInfo* type;
   double severity, growth_per_h;
 };
+/// Changes nothing: words that stay with the scenario.
+struct Marker {
+  std::string text;
+};
 struct Event {
   double time_s = 0;
-  std::variant<PayloadChange, AmbientChange, Wear, FaultChange> what;
+  std::variant<PayloadChange, AmbientChange, Wear, FaultChange, Marker> what;
 };
 
 /// One entry of `events` of a scenario that lasts `duration_s`.
@@ -44,6 +48,9 @@ struct FaultSetting {
 /// where the drive cannot be simulated with the fault.
 FaultSetting fault_of(Mapping& in, const std::string& type_key, const mujoco::Model& model, std::size_t drive,
                       double growth = 0);
+
+/// `event`, an entry of `events`, as the last one of the scenario in `resolved_yaml`.
+std::string with_event(const std::string& resolved_yaml, const YAML::Node& event);
 
 /// The keys `joint` and `factors`, the latter by name of the law's parameters.
 Wear read_wear(Mapping& in, const mujoco::Model& model);

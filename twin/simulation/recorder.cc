@@ -60,6 +60,7 @@ struct Recorder::Impl {
   std::unique_ptr<Telemetry> telemetry;
   std::int64_t every = 1;
   double timestep_s = 0;
+  std::string scenario;  // the text of scenario.yaml
   std::vector<double> row, cycle_row;
 };
 
@@ -74,6 +75,7 @@ Result<std::unique_ptr<Recorder>> Recorder::create(const fs::path& directory, co
   if (auto ok = check_space(directory, scenario); !ok) return tl::unexpected(ok.error());
   if (auto ok = impl->folder.open(directory, existing); !ok) return tl::unexpected(ok.error());
   impl->directory = directory;
+  impl->scenario = scenario.resolved_yaml;
   TelemetryOptions o{.attributes = {{"engine", "MuJoCo"},
                                     {"engine_version", mj_versionString()},
                                     {"scenario", scenario.name},
@@ -91,7 +93,7 @@ Result<std::unique_ptr<Recorder>> Recorder::create(const fs::path& directory, co
   auto telemetry = Telemetry::create(directory / "telemetry.h5", std::move(o));
   if (!telemetry) return not_recorded(telemetry.error());
   impl->telemetry = std::make_unique<Telemetry>(std::move(*telemetry));
-  if (auto ok = write_file(directory / "scenario.yaml", scenario.resolved_yaml, Existing::refuse); !ok) {
+  if (auto ok = write_file(directory / "scenario.yaml", impl->scenario, Existing::refuse); !ok) {
     std::error_code ignored;
     fs::remove(directory / "telemetry.h5", ignored);  // nothing was recorded
     return not_recorded(ok.error());
@@ -110,6 +112,14 @@ Result<void> Recorder::append_cycle(double time_s, std::span<const CycleSample> 
   impl_->cycle_row.clear();
   for (const CycleSample& drive : drives) add_channels(drive, impl_->cycle_row);
   return impl_->telemetry->append_cycle(time_s, impl_->cycle_row).map_error(as_work);
+}
+
+Result<void> Recorder::add_event(const YAML::Node& event) {
+  std::string scenario = with_event(impl_->scenario, event);
+  if (auto ok = write_file(impl_->directory / "scenario.yaml", scenario, Existing::replace); !ok)
+    return not_recorded(ok.error());
+  impl_->scenario = std::move(scenario);
+  return {};
 }
 
 Result<void> Recorder::finish(const Summary& summary) {

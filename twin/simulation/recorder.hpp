@@ -33,6 +33,8 @@ class Recorder {
   Result<void> sample(const Twin& twin, std::int64_t step);
   /// One sample per drive, at the end of a work cycle.
   Result<void> append_cycle(double time_s, std::span<const CycleSample> drives);
+  /// Adds an entry of `events` to scenario.yaml, so that a run of it repeats what happened.
+  Result<void> add_event(const YAML::Node& event);
   /// Closes the record and writes summary.json. A complete run removes the run that it replaces.
   Result<void> finish(const Summary& summary);
   /// The folder that keeps a replaced run until then; empty if there is none.

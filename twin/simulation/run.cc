@@ -20,7 +20,7 @@ using Clock = std::chrono::steady_clock;
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 /// The loop around a Twin: records, paces, watches transmissions, and skips work cycles whose outcome is known.
-class Runner {
+class Runner : RunningTwin {
  public:
   Runner(const Scenario& scenario, const RunOptions& options)
       : options_(options),
@@ -78,6 +78,18 @@ class Runner {
   }
 
  private:
+  const Twin& twin() const override { return twin_; }
+
+  void happen(YAML::Node node) override {
+    node["time_s"] = twin_.time_s();
+    const std::string type = node["type"].as<std::string>();
+    Event event = read_event(Mapping(type, "", node), *scenario_.model, scenario_.duration_s);
+    if (scenario_.multirate.enabled && !std::holds_alternative<Marker>(event.what))
+      throw InputError(type + ": this run skips cycles (multirate); one that knows of the event would skip others");
+    if (recorder_) or_wrong_input(recorder_->add_event(node));
+    twin_.happen(std::move(event));
+  }
+
   bool stopped() const { return options_.stop && options_.stop->load(std::memory_order_relaxed); }
 
   static std::string kept_in(const std::filesystem::path& folder) {
@@ -107,10 +119,10 @@ class Runner {
   }
 
   void wait_while_held() {
-    if (!options_.held || !options_.held(twin_)) return;
+    if (!options_.held || !options_.held(*this)) return;
     const auto since = Clock::now();
     do std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    while (!stopped() && options_.held(twin_));
+    while (!stopped() && options_.held(*this));
     started_ += Clock::now() - since;
   }
 

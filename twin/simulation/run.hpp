@@ -11,6 +11,16 @@
 
 namespace tribotwin::twin {
 
+/// A run that goes on, for who watches it.
+class RunningTwin {
+ public:
+  virtual ~RunningTwin() = default;
+  virtual const Twin& twin() const = 0;
+  /// Something happens now: an entry of `events` without its time. It is also added to scenario.yaml of the directory,
+  /// so that a run of that file repeats it. Throws InputError, and then nothing happened.
+  virtual void happen(YAML::Node event) = 0;
+};
+
 struct RunOptions {
   std::filesystem::path directory;          ///< empty: nothing is written
   Existing existing = Existing::refuse;     ///< what happens to a run that the directory holds
@@ -22,7 +32,7 @@ struct RunOptions {
   std::function<void(const Twin&, double time_s)> sample;
   std::function<void(double time_s, std::span<const CycleSample>)> cycle;
   /// Asked before each step: true makes it wait, and is asked again. Time that it waited does not count.
-  std::function<bool(const Twin&)> held;
+  std::function<bool(RunningTwin&)> held;
 };
 
 /// Runs a scenario to its end. With a directory: telemetry.h5 grows during the run; summary.json is written last and

@@ -126,7 +126,10 @@ Twin::Transmission Twin::transmission(const mujoco::Spring& spring) const {
 }
 
 double Twin::next_event_s() const {
-  return next_event_ < scenario_.events.size() ? scenario_.events[next_event_].time_s : friction::unlimited;
+  const auto next =
+      std::find_if(scenario_.events.begin() + static_cast<std::ptrdiff_t>(next_event_), scenario_.events.end(),
+                   [](const Event& event) { return !std::holds_alternative<Marker>(event.what); });
+  return next == scenario_.events.end() ? friction::unlimited : next->time_s;
 }
 
 void Twin::apply(const Wear& wear) {
@@ -154,7 +157,8 @@ void Twin::apply(const Event& event) {
                           });
                           faults_.push_back({&fault, event.time_s});
                           set_faults();
-                        }},
+                        },
+                        [](const Marker&) {}},
              event.what);
   energy_jumps_J_ += mechanical_energy_J() - energy;
 }
@@ -205,9 +209,17 @@ std::string Twin::state_text() const {
 }
 
 void Twin::apply_due_events() {
-  while (next_event_s() <= time_s() + 0.5 * timestep_s_) apply(scenario_.events[next_event_++]);
+  const auto& events = scenario_.events;
+  while (next_event_ < events.size() && events[next_event_].time_s <= time_s() + 0.5 * timestep_s_)
+    apply(events[next_event_++]);
   const bool growing = std::ranges::any_of(faults_, [](const ActiveFault& a) { return a.fault->growth_per_h > 0; });
   if (growing && steps_ % std::max<std::int64_t>(1, std::llround(growth_step_s / timestep_s_)) == 0) set_faults();
+}
+
+void Twin::happen(Event event) {
+  apply_due_events();
+  happened_.push_back(std::move(event));
+  apply(happened_.back());
 }
 
 void Twin::begin_step() {

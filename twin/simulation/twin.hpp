@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <string>
 #include <vector>
@@ -45,6 +46,8 @@ class Twin {
   /// Applies due events, then advances one time step. Fails when the simulation diverges or a drive of validity `error`
   /// leaves its range: the message names step, joint and state. A failed twin stays failed.
   Result<Status> step();
+  /// Something happens now: before the next step, after what the scenario has for its time.
+  void happen(Event event);
   /// The result of the last step.
   const Result<Status>& status() const { return status_; }
 
@@ -96,7 +99,7 @@ class Twin {
 
   /// Time in which no growing fault changes friction by more than 5 % [s]; infinite when none grows.
   double growth_horizon_s() const;
-  /// Time of the next event [s]; infinite when there is none.
+  /// Time of the next event that changes something [s]; infinite when there is none.
   double next_event_s() const;
   /// Advances simulated time by `steps` time steps without computing them. The drives receive the given heat [J] and
   /// reach the given temperature rise; the mechanical state stays. For motions that repeat.
@@ -136,6 +139,7 @@ class Twin {
     double since_s;
   };
   std::vector<ActiveFault> faults_;
+  std::deque<Event> happened_;  ///< faults_ points into it
   std::size_t recording_index_ = 0;
   bool controlled_ = false;         ///< in this step
   std::vector<double> qvel_begin_;  ///< of all joints; empty without actuators beside the drives

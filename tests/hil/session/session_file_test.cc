@@ -40,6 +40,7 @@ TEST_F(SessionFile, WhatIsWrittenIsRead) {
                                 {.time_ns = head.start_ns + 2'001'000, .misleading = {0, 7}, .recovered = {0, 1}},
                                 {.time_ns = head.start_ns + 4'000'000},
                                 {.time_ns = head.start_ns + 4'001'000, .not_kept = {0, 2}},
+                                {.time_ns = head.start_ns + 4'002'000, .events = {"a: 1%\nb: \"\xC2\xB0 =\"\n", ""}},
                                 {.time_ns = head.start_ns + 5'000'000'000'000},  // the machine slept
                                 {.time_ns = head.start_ns + 5'000'000'001'000,
                                  .steps = 200,
@@ -103,6 +104,8 @@ TEST_F(SessionFile, WhatIsNoneIsRefusedWithItsPlace) {
            {files + "eds 5 a.eds\nab\ncd\nef\n", ":9: is not"},
            {files + "eds 5 a.eds\nab\ncd\nturns\nx\n", ":10: 'x'"},
            {files + "turns\n1 not_kept=x\n", ":7: "},
+           {files + "turns\n1 event=a%2\n", ":7: "},
+           {files + "turns\n1 event=a%xx\n", ":7: "},
            {first, ":2: is not 'clock realtime|lockstep'"},
            {first + "clock sun\n", ":2: "},
            {first + "clock realtime\ncycle_us 0\n", ":3: is not 'cycle_us NUMBER'"},

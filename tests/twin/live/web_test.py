@@ -1,11 +1,11 @@
 """`tribotwin run --web` and `tribotwin-hil drive --web`: what a viewer gets is what telemetry.h5 has, to the last bit;
 addresses that are wrong or taken. Arguments: tribotwin, tribotwin-hil, source tree."""
-import json, os, socket, subprocess, sys, time
+import json, os, shutil, socket, subprocess, sys, time
 
-import h5py
+import h5py, yaml
 
 from harness import check, check_refused, content, finish, path, run, work
-from web_viewer import PATIENCE_S, compare, watch, web_address
+from web_viewer import PATIENCE_S, compare, messages, watch, web_address
 
 tribotwin, hil, source = sys.argv[1:]
 scenario = os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
@@ -13,12 +13,37 @@ SAY = (
     {"type": "watch", "joint": "joint2"},
     {"type": "command", "id": 1, "do": "marker", "text": "the load is on"},
     {"type": "command", "id": 2, "do": "marker", "text": "x" * 201},
-    {"type": "command", "id": 3, "do": "marker", "text": 5},
     {"type": "command", "id": 4, "do": "shutdown"},
 )
+EVENTS = ["marker", "ambient", "payload", "wear", "joint_fault"]
+COMMANDS_OF_RUN, COMMANDS_OF_DRIVE = ["pause", "resume", "step", *EVENTS], ["fault", *EVENTS]
 FAULT = {"type": "command", "do": "fault", "kind": "over_temperature", "duration_s": 1, "temperature_degC": 140}
 FAULTS = ("drop", "delay", "corrupt", "duplicate", "silence", "bus_off", "link_down", "over_temperature",
           "encoder_freeze", "safe_torque_off")  # fmt: skip
+
+
+HAPPENS = (
+    {"do": "ambient", "temperature_degC": 61.123456789012345},
+    {"do": "payload", "mass_kg": 40},
+    {"do": "wear", "joint": "joint2", "parameter": "Fc0", "factor": 3},
+    {"do": "joint_fault", "joint": "joint3", "fault": "preload_loss", "severity": 0.25, "growth_per_h": 100},
+    {"do": "marker", "text": "null"},
+    {"do": "marker", "text": "- a: 'b' #\t\"c\" \u00b0"},
+)
+HAPPENS_NOT = (
+    ({"do": "ambient", "degC": 40}, "ambient: degC: is not known; did you mean 'temperature_degC'?"),
+    ({"do": "ambient"}, "ambient: temperature_degC: is missing"),
+    ({"do": "ambient", "temperature_degC": 1e4}, "ambient: temperature_degC: is 10000 but must be within -100 .. 300"),
+    ({"do": "ambient", "temperature_degC": 40, "time_s": 1}, "ambient: time_s: is not known"),
+    ({"do": "payload", "mass_kg": -1}, "payload: mass_kg: is -1 but must be"),
+    ({"do": "wear", "joint": "joint9", "parameter": "Fc0", "factor": 2}, "'joint9'"),
+    ({"do": "wear", "joint": "joint2", "parameter": "Fc", "factor": 2}, "did you mean 'Fc0'?"),
+    ({"do": "wear", "joint": "joint2"}, "wear: factors: is missing"),
+    ({"do": "joint_fault", "joint": "joint3", "fault": "rust", "severity": 1}, "fault: 'rust' is not known"),
+    ({"do": "joint_fault", "joint": "joint3", "fault": "preload_loss", "severity": 9}, "severity: is 9"),
+)
+KINDS = [*(3 * ["change"]), "fault", "marker", "marker"]
+TYPES = ["ambient", "payload", "wear", "fault", "marker", "marker"]
 
 
 def answers(texts):
@@ -29,11 +54,13 @@ def answers(texts):
 def check_commands(name, texts, commands):
     check(f"{name}: commands", texts["hello"][0]["commands"] == commands, texts["hello"][0])
     done = answers(texts)
-    check(f"{name}: every command is answered", [done[i][0] for i in range(1, 5)] == [True] + [False] * 3, done)
-    said = [done[i][1] for i in range(1, 5)]
-    check(f"{name}: a marker is not in a record", said[0].endswith("shown only, no record has it"), said)
-    check(f"{name}: a marker that is none", said[1] == said[2] == "marker: text must be 1 to 200 bytes", said)
-    check(f"{name}: no other command", said[3] == "do must be one of: " + ", ".join(commands), said)
+    check(f"{name}: every command is answered", [done[i][0] for i in (1, 2, 4)] == [True, False, False], done)
+    said = [done[i][1] for i in (1, 2, 4)]
+    check(f"{name}: the record has a marker", said[0].endswith(" s, in the record"), said)
+    check(
+        f"{name}: a marker that is none", said[1] == "marker: text: is 201 bytes long, but at most 200 are kept", said
+    )
+    check(f"{name}: no other command", said[2] == "do must be one of: " + ", ".join(commands), said)
     markers = [e for e in texts.get("event", []) if e["kind"] == "marker"]
     check(f"{name}: the marker is shown", [m["text"] for m in markers] == ["the load is on"], markers)
     check(f"{name}: with the time of its answer", f"at {markers[0]['time_s']:.3f} s" in said[0], (markers, said))
@@ -58,18 +85,23 @@ def compare_law(name, texts):
         check(f"{name}: {key} of the law is that of 'tribotwin curve'", law[key] == expected, (law[key], expected))
 
 
-def follow(name, folder, commands, *command, say=SAY):
+def serve(name, folder, command, *say, answer=None):
+    """Texts and rows of a whole run or session, which end as they should."""
     with open(path(folder + ".log"), "w") as log:
         process = subprocess.Popen([*command, "-o", folder, "--web", "127.0.0.1:0"], cwd=work, stderr=log)
         try:
-            texts, numbers, rows, end = watch(*web_address(path(folder + ".log")), *say)
+            texts, numbers, rows, end = watch(*web_address(path(folder + ".log")), *say, answer=answer)
             code = process.wait(PATIENCE_S)
         finally:
             process.kill()
-    said = open(path(folder + ".log")).read()
-    check(f"{name}: ends well", code == 0, said)
+    check(f"{name}: ends well", code == 0, content(folder + ".log"))
     check(f"{name}: says good bye", end == 1001, end)
     compare(name, folder, texts["hello"][0], numbers, rows)
+    return texts, rows
+
+
+def follow(name, folder, commands, *command, say=SAY):
+    texts, _ = serve(name, folder, command, *say)
     compare_law(name, texts)
     check_commands(name, texts, commands)
     return texts
@@ -77,7 +109,7 @@ def follow(name, folder, commands, *command, say=SAY):
 
 def test_run():
     texts = follow(
-        "run", "run", ["marker", "pause", "resume", "step"], tribotwin, "run", scenario, "--realtime", "--quiet",
+        "run", "run", COMMANDS_OF_RUN, tribotwin, "run", scenario, "--realtime", "--quiet",
         "--set", "duration_s=4", "--set", "telemetry_rate_hz=500",
     )  # fmt: skip
     check("run: hello", texts["hello"][0]["program"] == "run" and texts["hello"][0]["step_s"] == 0.001, texts["hello"])
@@ -91,7 +123,7 @@ def test_drive():
               {**FAULT, "id": 8, "joint": "joint7"}, {**FAULT, "id": 9, "joint": "joint5", "duration_s": [1]},
               {**FAULT, "id": 10, "joint": "joint5", "when": 3}, {**FAULT, "id": 11, "duration_s": 0})  # fmt: skip
     texts = follow(
-        "drive", "drive", ["marker", "fault"], hil, "drive", scenario, "--can", "memory:web", "--realtime",
+        "drive", "drive", COMMANDS_OF_DRIVE, hil, "drive", scenario, "--can", "memory:web", "--realtime",
         "--duration", "4", "--record", "faults.log", "--set", "telemetry_rate_hz=500", say=SAY + faults,
     )  # fmt: skip
     check_faults(texts)
@@ -174,16 +206,7 @@ def test_pause():
     command = [tribotwin, "run", scenario, "--quiet", "--set", "duration_s=3", "--set", "telemetry_rate_hz=500"]
     run(*command, "-o", "alone")
     pauses = Pauses()
-    with open(path("pauses.log"), "w") as log:
-        process = subprocess.Popen([*command, "--realtime", "-o", "pauses", "--web", "127.0.0.1:0"], cwd=work,
-                                   stderr=log)  # fmt: skip
-        try:
-            texts, numbers, rows, _ = watch(*web_address(path("pauses.log")), answer=pauses)
-            code = process.wait(PATIENCE_S)
-        finally:
-            process.kill()
-    check("pause: ends well", code == 0, content("pauses.log"))
-    compare("pause", "pauses", texts["hello"][0], numbers, rows)
+    texts, rows = serve("pause", "pauses", [*command, "--realtime"], answer=pauses)
     same_record("pause: the record", "alone", "pauses")
     done = answers(texts)
     expected = [False, False, True, False, False, True, True]
@@ -195,6 +218,112 @@ def test_pause():
     check("step: five rows", len(between) == 5 and len(set(pauses.stepped[1:])) == 1, (stood, pauses.stepped, between))
     left_s, took_s = 3 - stepped, time.monotonic() - pauses.resumed_s
     check("resume: the clock had stood", took_s > 0.9 * left_s > 1, (took_s, left_s))
+
+
+class Happens:
+    """Says what happens and what cannot, a second after the start."""
+
+    said = False
+
+    def __call__(self, text):
+        if self.said or text["type"] != "status" or text["simulated_s"] < 1:
+            return []
+        self.said = True
+        commands = [*HAPPENS, *(c for c, _ in HAPPENS_NOT)]
+        return [{"type": "command", "id": i, **c} for i, c in enumerate(commands)]
+
+
+def test_events():
+    """What happens by a page is in scenario.yaml: a run of that file has the same bits."""
+    command = [tribotwin, "run", scenario, "--quiet", "--set", "duration_s=4"]
+    texts, _ = serve("events", "events", [*command, "--realtime"], answer=Happens())
+    done = answers(texts)
+    for number, (_, says) in enumerate(HAPPENS_NOT, len(HAPPENS)):
+        check(f"events: refused: {says}", not done[number][0] and says in done[number][1], done[number])
+    good = [done[i] for i in range(len(HAPPENS))]
+    check("events: obeyed", all(ok and said.endswith("s, in the record") for ok, said in good), good)
+    recorded = yaml.safe_load(content("events/scenario.yaml"))["events"]
+    types = [e["type"] for e in recorded]
+    check("events: all are in scenario.yaml", types == TYPES, types)
+    marked = [e["text"] for e in recorded[4:]]
+    check("events: the markers are what was said", marked == [c["text"] for c in HAPPENS[4:]], marked)
+    times = {e["time_s"] for e in recorded}
+    check(
+        "events: happened then", len(times) == 1 and done[0][1].startswith(f"at {min(times):.3f} s"), (times, done[0])
+    )
+    kinds = [e["kind"] for e in texts["event"]]
+    check("events: all pages hear of them", kinds == KINDS, texts["event"])
+    run(tribotwin, "run", "events/scenario.yaml", "--quiet", "-o", "repeated")
+    same_record("events: a run of scenario.yaml", "events", "repeated")
+    run(*command, "-o", "without")
+    differing = [k for k, v in bits("without").items() if v != bits("events")[k]]
+    check("events: they changed the run", len(differing) > 10, differing)
+
+
+def test_events_of_a_session():
+    """What happens to a drive is in LOG.session: a replay repeats it."""
+
+    def commands(text):
+        happens = [dict(c) for c in HAPPENS]
+        happens[3].pop("growth_per_h")
+        if text["type"] != "hello":
+            return []
+        return [{"type": "command", "id": i, **c} for i, c in enumerate([*happens, HAPPENS[3], HAPPENS_NOT[0][0]])]
+
+    telemetry = ["--set", "telemetry_rate_hz=500"]
+    texts, _ = serve(
+        "session", "session", [hil, "drive", scenario, "--can", "memory:events", "--realtime", "--duration", "3",
+        "--record", "happened.log", *telemetry], answer=commands,
+    )  # fmt: skip
+    done = answers(texts)
+    number = len(HAPPENS)
+    check("events: a session obeys them", all(done[i][0] and done[i][1].endswith("s, in the record") for i in
+          range(number)), done)  # fmt: skip
+    grows = "fault: growth_per_h: makes a severity of"
+    check("events: a fault that grows beyond its most", not done[number][0] and grows in done[number][1], done)
+    check("events: what cannot be is refused", done[number + 1] == (False, HAPPENS_NOT[0][1]), done)
+    kinds = [e["kind"] for e in texts["event"] if e["kind"] != "note"]
+    check("events: pages of a session hear of them", kinds == KINDS, texts["event"])
+    again = run(hil, "replay", scenario, "happened.log", "--fast", "-o", "replayed", *telemetry)
+    check("events: a replay repeats them", ": 0 differ, 0 missing, 0 added" in again.stdout, again.stderr)
+    same_record("events: the replay", "session", "replayed")
+    recorded = content("session/scenario.yaml")
+    types = [e["type"] for e in yaml.safe_load(recorded)["events"]]
+    check("events: a session has them in its record", types == TYPES, types)
+    check("events: and a replay too", content("replayed/scenario.yaml") == recorded, recorded)
+    check_session_files()
+
+
+def check_session_files():
+    lines = content("happened.log.session").splitlines()
+    at = next(i for i, line in enumerate(lines) if " event=" in line)
+    broken = lines[:at] + [lines[at].replace("ambient", "ambience", 1)] + lines[at + 1 :]
+    cut = lines[:at] + [lines[at][:-1] + "%"]
+    for name, lines, says in (
+        ("wrong", broken, "has an event that this scenario cannot have: ambience:"),
+        ("cut", cut, "is not 'MICROSECONDS WORD...'"),
+    ):
+        shutil.copy(path("happened.log"), path(name + ".log"))
+        with open(path(name + ".log.session"), "w") as file:
+            file.write("\n".join(lines) + "\n")
+        refused = run(hil, "replay", scenario, name + ".log", "--fast")
+        check_refused(f"events: a session file that is {name}", refused, says)
+
+
+def test_events_of_cycles():
+    """A run that skips cycles could not be repeated with an event that nobody foresaw."""
+    ambient = {"type": "command", "id": 1, "do": "ambient", "temperature_degC": 40}
+    command = [tribotwin, "run", "irb6620_warmup", "--quiet", "--realtime", "-o", "cycles", "--web", "127.0.0.1:0"]
+    with open(path("cycles.log"), "w") as log:
+        process = subprocess.Popen(command, cwd=work, stderr=log)
+        try:
+            said = (json.loads(c) for code, c in messages(*web_address(path("cycles.log")), ambient) if code == 1)
+            done = next(m for m in said if m["type"] == "done")
+        finally:
+            process.kill()
+            process.wait()
+    why = "ambient: this run skips cycles (multirate); one that knows of the event would skip others"
+    check("events: not where cycles are skipped", (done["ok"], done["message"]) == (False, why), done)
 
 
 def test_wrong_addresses():
@@ -228,4 +357,7 @@ test_vary()
 test_run()
 test_drive()
 test_pause()
+test_events()
+test_events_of_a_session()
+test_events_of_cycles()
 finish()

@@ -161,6 +161,42 @@ TEST(Events, PayloadAmbientAndWearShowInTheJoint) {
   for (const auto& s : {plain, worn, loaded, warm}) EXPECT_LT(std::abs(s.energy_balance_J), 1e-3 * s.motor_work_J);
 }
 
+TEST(Events, WhatHappensIsWhatTheSameEventsOfAScenarioDo) {
+  const std::string events =
+                        "events=[{time_s: 0.5, type: wear, joint: joint2, factors: {Fc0: 2}}, "
+                        "{time_s: 0.5, type: fault, joint: joint2, fault: wear, severity: 0.1, growth_per_h: 300}",
+                    more =
+                        ", {time_s: 0.5, type: wear, joint: joint2, factors: {Fc0: 3}}, "
+                        "{time_s: 0.5, type: fault, joint: joint2, fault: wear, severity: 0.3, growth_per_h: 600}]";
+  const auto load = [&](const std::string& what) {
+    return load_scenario(scenarios / "irb6620_hold.yaml", {"duration_s=3", what}).value();
+  };
+  const Scenario foreseen = load(events + more);
+  Twin before(foreseen), after(load(events + "]"));
+  for (int k = 0; k < 3000; ++k) {
+    if (k == 500) {
+      after.happen(foreseen.events[2]);
+      after.happen(foreseen.events[3]);
+    }
+    ASSERT_TRUE(before.step() && after.step()) << k;
+    ASSERT_EQ(after.drive(1).friction_nm, before.drive(1).friction_nm) << k;
+    ASSERT_EQ(after.temperature_degC(1), before.temperature_degC(1)) << k;
+  }
+}
+
+TEST(Events, AMarkerChangesNothingAlsoWhereCyclesAreSkipped) {
+  const std::string marker = "events=[{time_s: 3000, type: marker, text: 'new grease: joint 2'}]";
+  const auto figures = [&](const std::vector<std::string>& settings) {
+    const auto s = run(load_scenario(scenarios / "irb6620_warmup.yaml", settings).value(), {}).value();
+    return std::pair(s.steps_computed, s.heat_J);
+  };
+  EXPECT_EQ(figures({marker}), figures({}));
+  const auto nothing =
+      load_scenario(scenarios / "irb6620_warmup.yaml", {"events=[{time_s: 1, type: marker, text: ''}]"});
+  ASSERT_FALSE(nothing);
+  EXPECT_THAT(nothing.error().message, HasSubstr("text: is empty but must be text"));
+}
+
 TEST(Bad, ScenariosAreRefusedWithPlaceAndRemedy) {
   const Folder folder;
   const auto error = [&](const std::string& text) -> std::string {

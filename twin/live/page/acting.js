@@ -18,13 +18,14 @@ const inputs = {
   probability: ['probability', { min: 0, max: 1, step: 'any', value: 0.01 }],
   delay_s: ['delay [s]', { min: 0, max: 10, step: 'any', value: 0.01 }],
   temperature_degC: ['temperature [°C]', { min: -100, max: 1000, step: 'any', value: 150 }],
-  degC: ['surroundings [°C]', { min: -50, max: 150, step: 'any', value: 25 }],
-  kg: ['payload [kg]', { min: 0, max: 10000, step: 'any', value: 0 }],
-  factor: ['factor of boundary friction', { min: 0, max: 100, step: 'any', value: 1.2 }],
+  mass_kg: ['payload [kg]', { min: 0, max: 1e6, step: 'any', value: 0 }],
+  factor: ['factor', { min: 0, max: 1000, step: 'any', value: 1.2 }],
+  severity: ['severity', { min: 0, step: 'any', value: 0.1 }],
+  growth_per_h: ['growth [1/h]', { min: 0, max: 1e6, step: 'any', value: 0 }],
 };
+const surroundings = ['surroundings [°C]', { min: -100, max: 300, step: 'any', value: 25 }];
 
-function numberInput(name) {
-  const [label, limits] = inputs[name];
+function numberInput(name, [label, limits] = inputs[name]) {
   const input = element('input', { type: 'number', name, required: true, ...limits });
   return element('label', { 'data-key': name }, label + ' ', input);
 }
@@ -34,9 +35,7 @@ const choice = (name, label, options) => element('label', { 'data-key': name }, 
 
 const simple = {
   pause: { button: 'Pause simulation' }, resume: { button: 'Resume simulation' },
-  step: { button: 'Step', numbers: ['cycles'] },
-  ambient: { button: 'Set surroundings', numbers: ['degC'] }, payload: { button: 'Set payload', numbers: ['kg'] },
-  wear: { button: 'Wear', numbers: ['factor'], joint: true },
+  step: { button: 'Step', numbers: ['cycles'] }, payload: { button: 'Set payload', numbers: ['mass_kg'] },
 };
 
 export class Acting {
@@ -55,8 +54,9 @@ export class Acting {
   }
 
   form(name) {
-    const special = { marker: () => this.markerParts(), fault: () => this.faultParts() };
-    const parts = special[name] ? special[name]() : this.simpleParts(name);
+    const special = { marker: 'markerParts', fault: 'faultParts', ambient: 'ambientParts', wear: 'wearParts',
+      joint_fault: 'jointFaultParts' };
+    const parts = special[name] ? this[special[name]]() : this.simpleParts(name);
     if (!parts) return null;  // a command of a later program, which this page does not know
     const form = element('form', { 'data-do': name }, ...parts);
     form.addEventListener('submit', (event) => {
@@ -69,8 +69,37 @@ export class Acting {
   simpleParts(name) {
     const row = simple[name];
     if (!row) return null;
-    const joint = row.joint ? [choice('joint', 'joint', this.joints())] : [];
-    return [...joint, ...(row.numbers ?? []).map(numberInput), element('button', { textContent: row.button })];
+    return [...(row.numbers ?? []).map((key) => numberInput(key)), element('button', { textContent: row.button })];
+  }
+
+  ambientParts() {
+    return [numberInput('temperature_degC', surroundings), element('button', { textContent: 'Set surroundings' })];
+  }
+
+  /// Wear multiplies a parameter of the joint's law.
+  wearParts() {
+    const joint = choice('joint', 'joint', this.joints()), parameter = choice('parameter', 'parameter', []);
+    const fit = () => {
+      const { parameters = [] } = this.hello.joints.find(({ name }) => name === joint.lastChild.value) ?? {};
+      parameter.lastChild.replaceChildren(...parameters.map((name) => element('option', { textContent: name })));
+    };
+    joint.lastChild.addEventListener('change', fit);
+    fit();
+    return [joint, parameter, numberInput('factor'), element('button', { textContent: 'Wear' })];
+  }
+
+  /// Faults of a drive, which grow; those of the bus are `fault`.
+  jointFaultParts() {
+    const all = this.hello.joint_faults ?? [];
+    const fault = choice('fault', 'fault', all.map(({ name }) => [name, name.replace(/_/g, ' ')]));
+    const severity = numberInput('severity');
+    const fit = () => {
+      severity.lastChild.max = all.find(({ name }) => name === fault.lastChild.value)?.maximum ?? '';
+    };
+    fault.lastChild.addEventListener('change', fit);
+    fit();
+    return [choice('joint', 'joint', this.joints()), fault, severity, numberInput('growth_per_h'),
+      element('button', { textContent: 'Damage' })];
   }
 
   markerParts() {
@@ -83,7 +112,7 @@ export class Acting {
     const known = (this.hello.faults ?? Object.keys(faults)).filter((kind) => kind in faults);
     const kind = choice('kind', 'fault', known.map((name) => [name, name.replace(/_/g, ' ')]));
     const joint = choice('joint', 'drive', [['', 'all drives'], ...this.joints()]);
-    const keys = ['probability', 'delay_s', 'temperature_degC'].map(numberInput);
+    const keys = ['probability', 'delay_s', 'temperature_degC'].map((key) => numberInput(key));
     const fit = () => {
       const row = faults[kind.lastChild.value] ?? { keys: [] };
       const all = joint.querySelector('option');

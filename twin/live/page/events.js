@@ -1,10 +1,11 @@
-// EMCY, faults on purpose, markers, notes, health: a list, newest first, and a line of time.
+// EMCY, faults and changes on purpose, markers, notes, health: a list, newest first, and a line of time.
 import { byId, drawing, element } from './dom.js';
 import { isNumber, rounded } from './format.js';
 
 const most = 500;
 const kinds = {
-  emcy: ['▲', 'EMCY'], fault: ['✖', 'fault'], marker: ['◆', 'marker'], note: ['●', 'note'], health: ['■', 'health'],
+  emcy: ['▲', 'EMCY'], fault: ['✖', 'fault'], change: ['✚', 'change'], marker: ['◆', 'marker'],
+  note: ['●', 'note'], health: ['■', 'health'],
 };
 
 export class Events {

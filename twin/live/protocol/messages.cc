@@ -75,12 +75,14 @@ bool is_id(const nlohmann::json& id) {
 }  // namespace
 
 std::string to_json(const Hello& hello, const std::string& session, bool readonly) {
-  Json joints = Json::array(), columns = Json::array();
+  Json joints = Json::array(), columns = Json::array(), faults = Json::array();
+  for (const auto& [name, maximum] : hello.joint_faults) faults.push_back({{"name", name}, {"maximum", maximum}});
   for (const Joint& joint : hello.joints)
     joints.push_back({{"name", joint.name},
                       {"law", joint.law},
                       {"limit_degC", or_null(joint.limit_degC)},
-                      {"gear_ratio", joint.gear_ratio}});
+                      {"gear_ratio", joint.gear_ratio},
+                      {"parameters", joint.parameters}});
   for (const Column& column : hello.columns)
     columns.push_back({{"joint", text_or_null(column.joint)}, {"name", column.name}, {"unit", column.unit}});
   return text_of({{"type", "hello"},
@@ -92,6 +94,7 @@ std::string to_json(const Hello& hello, const std::string& session, bool readonl
                   {"step_s", hello.step_s},
                   {"commands", readonly ? std::vector<std::string>{} : hello.commands},
                   {"faults", readonly ? std::vector<std::string>{} : hello.faults},
+                  {"joint_faults", readonly ? Json::array() : faults},
                   {"joints", joints},
                   {"columns", columns},
                   {"bodies", hello.geometry.empty() ? 0 : hello.bodies}});

@@ -17,7 +17,8 @@ namespace tribotwin::twin::live {
 struct Joint {
   std::string name, law;
   std::optional<double> limit_degC;
-  double gear_ratio = 1;  ///< motor turns per joint turn
+  double gear_ratio = 1;                     ///< motor turns per joint turn
+  std::vector<std::string> parameters = {};  ///< of its law
 };
 
 struct Column {
@@ -36,8 +37,9 @@ struct Law {
 struct Hello {
   std::string program, version, scenario;
   double step_s = 0;
-  std::vector<std::string> commands;     ///< that the page may give
-  std::vector<std::string> faults = {};  ///< kinds that `fault` takes
+  std::vector<std::string> commands;                              ///< that the page may give
+  std::vector<std::string> faults = {};                           ///< kinds that `fault` takes
+  std::vector<std::pair<std::string, double>> joint_faults = {};  ///< that `joint_fault` takes, and their most
   std::vector<Joint> joints;
   std::vector<Column> columns;
   /// The law of joint `joint` in this state, for who asks for it. Called on the server's thread.
@@ -95,7 +97,7 @@ struct Status {
 
 struct Event {
   double time_s = 0;
-  std::string kind;   ///< emcy, fault, marker, note, health
+  std::string kind;   ///< emcy, fault, change, marker, note, health
   std::string joint;  ///< empty: of no joint
   std::string text;
 };

@@ -21,7 +21,8 @@ QUANTITIES = [
     ("load_nm", "Nm"),
     ("temperature_degC", "degC"),
 ]
-COMMANDS = ["pause", "resume", "step", "marker", "fault", "ambient", "payload", "wear"]
+JOINT = {"law": "load", "limit_degC": 120.0, "gear_ratio": 100.0, "parameters": ["Fc", "Fs", "Vs"]}
+COMMANDS = ["pause", "resume", "step", "marker", "fault", "ambient", "payload", "wear", "joint_fault"]
 
 
 def geometry(joints):
@@ -52,7 +53,8 @@ def hello(joints=6, **changes):
         "readonly": False,
         "step_s": 0.001,
         "commands": COMMANDS,
-        "joints": [{"name": j, "law": "load", "limit_degC": 120.0, "gear_ratio": 100.0} for j in names],
+        "joint_faults": [{"name": "wear", "maximum": 4.0}, {"name": "backlash", "maximum": 0.01}],
+        "joints": [{"name": j, **JOINT} for j in names],
         "columns": columns,
         "bodies": joints + 1,
         **changes,

@@ -189,7 +189,10 @@ def check_commands(tab, bench):
     submit(tab, "fault", kind="over_temperature", joint="joint5", duration_s="0.5", temperature_degC="140")
     submit(tab, "fault", kind="drop", joint="", duration_s="2", probability="0.25")
     submit(tab, "fault", kind="bus_off", duration_s="3")
-    submit(tab, "wear", joint="joint2", factor="1.5")
+    submit(tab, "wear", joint="joint2", parameter="Fs", factor="1.5")
+    submit(tab, "ambient", temperature_degC="-12.5")
+    submit(tab, "payload", mass_kg="7.25")
+    submit(tab, "joint_fault", joint="joint4", fault="backlash", severity="0.002", growth_per_h="0")
     want = [
         {"do": "pause"},
         {"do": "step", "cycles": 25},
@@ -197,18 +200,21 @@ def check_commands(tab, bench):
         {"do": "fault", "kind": "over_temperature", "joint": "joint5", "duration_s": 0.5, "temperature_degC": 140},
         {"do": "fault", "kind": "drop", "duration_s": 2, "probability": 0.25},
         {"do": "fault", "kind": "bus_off", "duration_s": 3},
-        {"do": "wear", "joint": "joint2", "factor": 1.5},
+        {"do": "wear", "joint": "joint2", "parameter": "Fs", "factor": 1.5},
+        {"do": "ambient", "temperature_degC": -12.5},
+        {"do": "payload", "mass_kg": 7.25},
+        {"do": "joint_fault", "joint": "joint4", "fault": "backlash", "severity": 0.002, "growth_per_h": 0},
     ]
     want = [{"type": "command", "id": i + 1, **w} for i, w in enumerate(want)]  # fmt: skip
-    check("the answers come", tab.until("document.querySelectorAll('#answers .done, #answers .bad').length === 7"))
+    check("the answers come", tab.until("document.querySelectorAll('#answers .done, #answers .bad').length === 10"))
     check("commands are sent as the interface says", bench.messages == want, bench.messages)
     answers = tab.value("[...document.querySelectorAll('#answers li')].map(l => [l.className, l.textContent])")
-    check("six are done", [a[0] for a in answers[1:]] == 6 * ["done"], answers)
-    check(
-        "a refusal is said", answers[0] == ["bad", "✖ wear, joint joint2, factor 1.5: refused, <b>not now</b>"], answers
-    )
+    refused = ["bad", "✖ wear, joint joint2, parameter Fs, factor 1.5: refused, <b>not now</b>"]
+    check("a refusal is said", answers[3] == refused, answers)
+    check("the others are done", [a[0] for a in answers[:3] + answers[4:]] == 9 * ["done"], answers)
     submit(tab, "step", cycles="0")
-    check("a number out of range is not sent", len(bench.messages) == 7, bench.messages[7:])
+    submit(tab, "joint_fault", fault="backlash", severity="0.2")
+    check("a number out of range is not sent", len(bench.messages) == 10, bench.messages[10:])
 
 
 def check_events(tab, bench):
