@@ -127,7 +127,7 @@ TEST(Server, TellsWhatHappenedAndPassesCommands) {
   std::this_thread::sleep_for(200ms);
   Client client(port_of(*server));
   ASSERT_TRUE(client.watch());
-  EXPECT_THAT(client.hear_text("hello"), HasSubstr(R"("commands":["pause"],"faults":[],"joints":[{"name":"joint1")"));
+  EXPECT_THAT(client.hear_text("hello"), HasSubstr(R"("commands":["pause"],"faults":[],"joint_faults":[],"joints":[)"));
   EXPECT_THAT(client.hear_text("event"), HasSubstr("event 50"));  // the last 200
   client.say(R"({"type":"command","id":7,"do":"pause"})");
   std::optional<Command> command;
