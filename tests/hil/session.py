@@ -1,9 +1,10 @@
 """What the tests of tribotwin-hil share: drives to start and a bus to them."""
-import atexit, os, re, subprocess, time
+import atexit, os, re, subprocess, threading, time
 
 import can
 
 from harness import work
+from master import Master
 
 
 def hold_scenario(source):
@@ -29,3 +30,32 @@ def connect(address, interface, channel, **more):
             interface="socketcand", channel=channel, host="127.0.0.1", port=int(re.search(r":(\d+)/", address).group(1))
         )
     return can.Bus(interface=interface, channel=channel, **more)
+
+
+class Movement(threading.Thread):
+    """A master that enables the drives and moves joint 2, a SYNC every 4 ms, until it is told to end."""
+
+    def __init__(self, address, nodes):
+        super().__init__(daemon=True)
+        self.address, self.nodes = address, nodes
+        self.going, self.enabled = True, threading.Event()
+
+    def run(self):
+        master = Master(connect(self.address, "socketcand", "can0"), self.nodes)
+        master.nmt(1)
+        master.be_patient(10000)
+        for n in self.nodes:
+            master.send_torque(n)
+        for word in (0x80, 0x00, 0x06, 0x07, 0x0F):
+            master.control(word)
+            master.cycle()
+            master.cycle()
+        home, k = dict(master.position), 0
+        self.enabled.set()
+        while self.going:
+            begun = time.monotonic()
+            k += 1
+            step = 20000 * (1 - abs(k % 500 / 250 - 1))
+            master.cycle({n: home[n] + round(step) if n == 2 else home[n] for n in self.nodes})
+            time.sleep(max(0, 0.004 - (time.monotonic() - begun)))
+        master.bus.shutdown()

@@ -1,12 +1,11 @@
 """`tribotwin-hil replay --web` and `shadow --web`: what a viewer gets is what telemetry.h5 of the replay and the CSV of
 the shadow have. Arguments: tribotwin-hil, source tree."""
-import csv, os, signal, subprocess, sys, threading, time
+import csv, os, signal, subprocess, sys, time
 
 import numpy
 
 from harness import check, check_refused, content, finish, path, run, work
-from master import Master
-from session import connect, hold_scenario
+from session import Movement, hold_scenario
 from web_viewer import PATIENCE_S, compare, watch, web_address
 
 hil, source = sys.argv[1:]
@@ -36,33 +35,6 @@ def check_answers(name, texts):
     done = {d["id"]: (d["ok"], d["message"]) for d in texts.get("done", [])}
     check(f"{name}: it marks", done[1][0] and done[1][1].endswith("no record has it"), done)
     check(f"{name}: no other command", done[2] == (False, "do must be one of: marker"), done)
-
-
-class Movement(threading.Thread):
-    """A master that enables the drives and moves joint 2, a SYNC every 4 ms, until it is told to end."""
-
-    def __init__(self):
-        super().__init__(daemon=True)
-        self.going, self.enabled = True, threading.Event()
-
-    def run(self):
-        master = Master(connect(address, "socketcand", "can0"), nodes)
-        master.nmt(1)
-        for n in nodes:
-            master.send_torque(n)
-        for word in (0x80, 0x00, 0x06, 0x07, 0x0F):
-            master.control(word)
-            master.cycle()
-            master.cycle()
-        home, k = dict(master.position), 0
-        self.enabled.set()
-        while self.going:
-            begun = time.monotonic()
-            k += 1
-            step = 20000 * (1 - abs(k % 500 / 250 - 1))
-            master.cycle({n: home[n] + round(step) if n == 2 else home[n] for n in nodes})
-            time.sleep(max(0, 0.004 - (time.monotonic() - begun)))
-        master.bus.shutdown()
 
 
 def test_replay():
@@ -116,7 +88,7 @@ def test_shadow():
     process, where = begin("shadow", "shadow", scenario, "--can", gateway, "--csv", "shadow.csv", "--limit", "1e-3",
                            "--limit-time", "0.1", "--joint", "joint2", "--lockstep", "--cycle", "4",
                            "--duration", "6")  # fmt: skip
-    movement = Movement()  # after the shadow, which must hear how the torque is mapped
+    movement = Movement(address, nodes)  # after the shadow, which must hear how the torque is mapped
     movement.start()
     texts, numbers, rows, end = watch(*where, *MARK)
     code = process.wait(PATIENCE_S)
