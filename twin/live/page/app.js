@@ -148,7 +148,6 @@ matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
 function print(begins) {
   document.documentElement.classList.toggle('printed', begins);
   page.plots?.retheme();
-  if (begins) page.plots?.draw(true);
   page.friction?.draw();
   for (const drawn of document.querySelectorAll('.area, #friction_canvas')) {
     const { clientWidth: width, clientHeight: height } = drawn;

@@ -133,7 +133,7 @@ export class Plots {
 
   retheme() {
     for (const plot of this.plots) plot.chart.retheme();
-    this.dirty = true;
+    this.draw(true);
   }
 
   live() {

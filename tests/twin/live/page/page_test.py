@@ -311,6 +311,24 @@ def check_histogram(tab, bench):
     bench.say(status())
 
 
+def check_keyboard(tab, bench):
+    """A command by keys alone."""
+    bench.messages.clear()
+    tab.value("document.activeElement.blur()")
+    tab.key("m")
+    tab.command("Input.insertText", text="by hand")
+    tab.command("Input.dispatchKeyEvent", type="keyDown", key="Enter", windowsVirtualKeyCode=13, text="\r")
+    tab.until("document.querySelector('#answers li').textContent.includes('by hand: done')")
+    said = [(m["do"], m["text"]) for m in bench.messages]
+    check("m and Enter mark by keyboard alone", said == [("marker", "by hand")], said)
+    tab.value("document.activeElement.blur()")
+    reached = tab.value(
+        "[...document.querySelectorAll('a[href], button, select, input, summary, [tabindex]')]"
+        ".filter(e => e.offsetParent && e.tabIndex < 0 && !e.matches('.tile, .scene_label, #drives')).map(e => e.outerHTML)"
+    )
+    check("every control is reached by Tab", reached == [], reached)
+
+
 def check_events(tab, bench):
     bench.say({"type": "event", "time_s": 1.25, "kind": "emcy", "joint": "joint3", "text": "8611h <img src=x>"})
     bench.say({"type": "event", "time_s": 1.375, "kind": "marker", "joint": None, "text": "here"})
@@ -424,6 +442,7 @@ def main():
         check_plots(tab)
         check_law(tab, bench)
         check_commands(tab, bench)
+        check_keyboard(tab, bench)
         check_files(tab, bench)
         check_losses(tab, bench)
         check_histogram(tab, bench)
