@@ -33,12 +33,14 @@ def connect(address, interface, channel, **more):
 
 
 class Movement(threading.Thread):
-    """A master that enables the drives and moves joint 2, a SYNC every 4 ms, until it is told to end."""
+    """A master that enables the drives and moves joint 2, a SYNC every 4 ms, until it is told to end; the SYNC number
+    `odd_sync` has a counter that no drive was told of."""
 
-    def __init__(self, address, nodes):
+    def __init__(self, address, nodes, odd_sync=None):
         super().__init__(daemon=True)
         self.address, self.nodes = address, nodes
         self.going, self.enabled = True, threading.Event()
+        self.k, self.odd_sync, self.unanswered = 0, odd_sync, 0
 
     def run(self):
         master = Master(connect(self.address, "socketcand", "can0"), self.nodes)
@@ -50,12 +52,18 @@ class Movement(threading.Thread):
             master.control(word)
             master.cycle()
             master.cycle()
-        home, k = dict(master.position), 0
+        home = dict(master.position)
         self.enabled.set()
         while self.going:
             begun = time.monotonic()
-            k += 1
-            step = 20000 * (1 - abs(k % 500 / 250 - 1))
-            master.cycle({n: home[n] + round(step) if n == 2 else home[n] for n in self.nodes})
+            self.k += 1
+            step = 20000 * (1 - abs(self.k % 500 / 250 - 1))
+            if self.k == self.odd_sync:
+                master.send(0x80, b"\x01")
+            targets = {n: home[n] + round(step) if n == 2 else home[n] for n in self.nodes}
+            try:
+                self.unanswered += self.going and not master.cycle(targets)
+            except can.CanError:  # the drives have ended
+                break
             time.sleep(max(0, 0.004 - (time.monotonic() - begun)))
         master.bus.shutdown()
