@@ -16,6 +16,7 @@ address, gateway = "socketcand://127.0.0.1:29663/can0", "gateway://127.0.0.1:296
 nodes = range(1, 7)
 JOINTS = [f"joint{n}" for n in nodes]
 rate = ("--set", "telemetry_rate_hz=500")
+SYNCS = "Number(document.querySelector('.bus [data-name=syncs]').value)"
 ROW = "Number(document.querySelector('#drives').dataset.row)"
 EVERY = {
     "drop": {"probability": "0.5"}, "delay": {"probability": "0.5", "delay_s": "0.01"},
@@ -123,6 +124,29 @@ def check_wrong(tab):
     check("which say what they are", said == {"joint3: 9000h", "joint5: 4310h"}, tab.value(emcy))
 
 
+def hold(tab):
+    """The robot stands, goes on by as many cycles as were asked for, and stands, while SYNCs come on."""
+    wall = "Number(document.querySelector('#wall data').value)"
+    answer = shown.press(tab, "pause")
+    check("pause is obeyed", answer[0] == "done", answer)
+    stands = "document.querySelector('#run_state').textContent.startsWith('paused')"
+    check("the page says so", tab.until(stands, PATIENCE_S))
+    later = lambda: tab.until(f"{wall} > {tab.value(wall) + 0.5}", PATIENCE_S)
+    later()
+    row, syncs = tab.value(ROW), tab.value(SYNCS)
+    later()
+    check("the robot stands", tab.value(ROW) == row, (row, tab.value(ROW)))
+    check("while SYNCs come", tab.until(f"{SYNCS} > {syncs}", PATIENCE_S))
+    answer = shown.press(tab, "step", cycles="5")
+    check("step is obeyed", answer[0] == "done", answer)
+    rows = 5 * 4 * 500 // 1000  # of 4 ms each, 500 rows a second
+    check("it goes on by five cycles", tab.until(f"{ROW} === {row + rows}", PATIENCE_S), (row, tab.value(ROW)))
+    later()
+    check("and no further", tab.value(ROW) == row + rows, (row, tab.value(ROW)))
+    answer = shown.press(tab, "resume")
+    check("resume is obeyed", answer[0] == "done" and tab.until(f"{ROW} > {row + 50}", PATIENCE_S), answer)
+
+
 def press_every_fault(tab):
     """All kinds, on joint 6 where they are of a drive, for a moment."""
     kinds = tab.value(
@@ -133,6 +157,9 @@ def press_every_fault(tab):
         choose = {"kind": kind} | ({} if kind in WHOLE_BUS else {"joint": "" if kind in ALL_DRIVES else "joint6"})
         answer = shown.press(tab, "fault", choose, duration_s="0.05", **typed)
         check(f"{kind} begins", answer[0] == "done", answer)
+        # It lasts for simulated time, which stands while the master waits for what the fault took away.
+        row = tab.value(ROW)
+        check(f"{kind} is over", tab.until(f"{ROW} > {row} + 50", PATIENCE_S))
 
 
 def check_session_file(tab):
@@ -165,6 +192,7 @@ def test_drive(tab):
         check("the page says so", tab.until(enabled, PATIENCE_S))
         for _ in range(4):
             look(tab, looks)
+        hold(tab)
         check_wrong(tab)
         others = [shown.press(tab, "marker", text="here"), shown.press(tab, "ambient", temperature_degC="-12.5"),
                   shown.press(tab, "payload", mass_kg="7.25"),
@@ -197,7 +225,7 @@ def test_replay(tab):
         answer = shown.press(tab, "marker", text="seen again")
         check("replay: a marker is shown and not kept", answer[0] == "done" and "no record has it" in answer[1], answer)
         forms = tab.value("[...document.querySelectorAll('#controls form')].map(f => f.dataset.do)")
-        check("replay: nothing else can be done", forms == ["marker"], forms)
+        check("replay: nothing else can be done", forms == ["marker", "record", "export"], forms)
         process.send_signal(signal.SIGTERM)
         process.wait(PATIENCE_S)
     finally:

@@ -1,6 +1,6 @@
 // Commands: one form for each that hello.commands names, and what the program answered.
 import { byId, element, setText } from './dom.js';
-import { isNumber, number, rounded, showNumber } from './format.js';
+import { number, showNumber } from './format.js';
 
 const answersKept = 20, patience_ms = 5000;
 
@@ -196,14 +196,13 @@ export class Acting {
     row.className = ok ? 'done' : 'bad';
   }
 
-  done({ id, ok, message, file }) {
+  done({ id, ok, message }) {
     const asked = this.pending.get(id);
     if (!asked) return;
     clearTimeout(asked.timer);
     this.pending.delete(id);
     const answer = `${ok ? '✔' : '✖'} ${asked.what}: ${ok ? 'done' : 'refused'}`;
-    const holds = ok && isNumber(file?.minutes) ? `; it has ${rounded(file.minutes, 'min')} min` : '';
-    this.say(asked.row, answer + (message ? ', ' + message : '') + holds, ok);
+    this.say(asked.row, answer + (message ? ', ' + message : ''), ok);
   }
 
   /// The connection is lost: nobody will answer.

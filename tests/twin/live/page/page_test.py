@@ -242,7 +242,7 @@ def check_files(tab, bench):
     bench.messages.clear()
     form = "document.querySelector('form[data-do=record]')"
     check("nothing is recorded at first", tab.value(f"{form}.innerText").endswith("No page records."))
-    bench.also = {"export": {"message": "live-0012.5s.h5: 1200 rows", "file": {"name": "live-0012.5s.h5",
+    bench.also = {"export": {"message": "live-0012.5s.h5: 1200 rows, 0.375 of 2.5 min asked for", "file": {"name": "live-0012.5s.h5",
                   "rows": 1200, "lost_rows": 0, "from_s": 0.1, "to_s": 1.3, "minutes": 0.375}}}  # fmt: skip
     shown.press(tab, "record", {"messages": "json"})
     file = {"name": "live-0001.5s.mcap", "rows": 12345, "lost_rows": 0, "from_s": 1.5, "to_s": 13.845,
@@ -262,7 +262,7 @@ def check_files(tab, bench):
     bench.say(status())
     check("then it begins anew", tab.until(f"{form}.innerText.endsWith('No page records.')"))
     answer = shown.press(tab, "export", {"format": "h5"}, minutes="2.5")
-    want = "\u2714 export, minutes 2.5, format h5: done, live-0012.5s.h5: 1200 rows; it has 0.4 min"
+    want = "\u2714 export, minutes 2.5, format h5: done, live-0012.5s.h5: 1200 rows, 0.375 of 2.5 min asked for"
     check("an export is answered with its file and what it holds", answer == ["done", want], answer)
     shown.press(tab, "export", {"format": "mcap", "messages": "ros2"}, minutes="1")
     asked = [{k: v for k, v in m.items() if k not in ("type", "id")} for m in bench.messages]

@@ -1,10 +1,11 @@
 """The page of a real `tribotwin run --web` in chromium: its numbers are those of telemetry.h5, its buttons do what
 scenario.yaml then says, and it outlives the program. Arguments: tribotwin, source tree."""
-import os, signal, subprocess, sys
+import os, re, signal, subprocess, sys
 
 import yaml
 
 from harness import check, content, finish, path, work
+from recorded_rows import compare_part, rows_of_h5, rows_of_mcap
 from web_viewer import PATIENCE_S, web_address
 import devtools, shown
 
@@ -91,13 +92,38 @@ def act(tab):
     tab.key("Escape", 27)  # the browser's own words for it
 
 
+def keep_files(tab):
+    """Records for a while, and exports; the names of the files. What they hold is looked at after the end."""
+    button = "document.querySelector('form[data-do=record] button').textContent"
+    begun = shown.press(tab, "record", {"messages": "ros2"})
+    check("a recording begins", begun[0] == "done" and tab.until(f"{button} === 'Stop recording'"), begun)
+    said = tab.value("document.querySelector('form[data-do=record] .recorded').textContent")
+    advance(tab, 100)
+    ended = shown.press(tab, "record")
+    check("it ends", ended[0] == "done" and tab.until(f"{button} === 'Start recording'"), ended)
+    exported = shown.press(tab, "export", {"format": "h5"}, minutes="0.01")
+    check("an export is done", exported[0] == "done", exported)
+    names = [re.search(r"live-\S+?\.(mcap|h5)", text)[0] for text in (said, ended[1], exported[1])]
+    check("the page names the file while it grows and in the end", names[0] == names[1], names)
+    check("and says how much the export has", "300 rows" in exported[1] and "min asked for" in exported[1], exported)
+    return names[1:]
+
+
+def check_files(recorded, exported):
+    compare_part("recorded", *rows_of_mcap("first/" + recorded), "first/telemetry.h5", 100)
+    times, columns = rows_of_h5("first/" + exported)
+    compare_part("exported", times, columns, "first/telemetry.h5", 200)
+    length_s = 1e-9 * (times[-1] - times[0])
+    check("exported: what was asked for", abs(length_s - 0.6) < 0.011, length_s)
+
+
 def check_record(tab):
     """After the end: what the page did is in scenario.yaml, and what it shows as events."""
     events = yaml.safe_load(content("first/scenario.yaml"))["events"]
     times = {e.pop("time_s") for e in events}
     check("scenario.yaml has all that was pressed", events == RECORDED, events)
     check("it happened while the run stood", len(times) == 1, times)
-    listed = tab.value("[...document.querySelectorAll('#event_list li')].reverse().map(l => [l.children[0].title, "
+    listed = tab.value("[...document.querySelectorAll('#event_list li')].filter(l => !l.innerText.includes('note')).reverse().map(l => [l.children[0].title, "
                        "l.children[1].textContent, l.children[2].textContent])")  # fmt: skip
     said = [row[2] for row in listed]
     warm = f"ambient, temperature_degC {RECORDED[0]['temperature_degC']!r}"
@@ -142,6 +168,7 @@ def test_run(tab):
         for _ in range(5):
             advance(tab, 40)
             look(tab, looks)
+        files = keep_files(tab)
         process.send_signal(signal.SIGTERM)
         check("the run ends in order", process.wait(PATIENCE_S) == 1, content("first.log"))
     finally:
@@ -152,6 +179,7 @@ def test_run(tab):
     shown.check_looks("run", record, looks, 6 * (6 + 4) + 2)
     check("no row is lost", looks[-1]["counted"][1] == 0, looks[-1]["counted"])
     check("the last row is shown", looks[-1]["row"] == record.rows - 1, (looks[-1]["row"], record.rows))
+    check_files(*files)
     check_record(tab)
     check_cursor(tab, record)
     return port

@@ -19,7 +19,7 @@ LOOK = """(() => {
     histories: numbers(one('#figures')), time: numbers(one('#cursor_time')), law: numbers(one('#friction_text')),
     watched: one('#watched').value,
     warmest: [one('#warmest_text a').textContent, exact('#warmest_text data')],
-    labels: [...document.querySelectorAll('.scene_label:not([hidden])')].map(l => [l.textContent.match(/joint\\d+/)[0],
+    labels: [...document.querySelectorAll('.scene_label:not([hidden])')].map(l => [l.dataset.joint,
       Number(l.querySelector('data').value)]),
     status: [exact('#simulated data'), exact('#wall data')],
     buses: Object.fromEntries([...document.querySelectorAll('.bus')].map(b => [b.dataset.name, numbers(b)])),
