@@ -147,14 +147,11 @@ struct Viewers {
 
   Viewers(const Arguments& a, const twin::Scenario& scenario)
       : line(!a.quiet && isatty(STDERR_FILENO)), server(a.web.start(hello_of(scenario))) {
-    if (server) feed.emplace(*server, !a.record.empty() || !a.output.empty());
+    if (server) feed.emplace(*server, scenario, !a.record.empty() || !a.output.empty());
   }
   static twin::live::Hello hello_of(const twin::Scenario& scenario) {
     auto hello = twin::live::hello_of(scenario, "drive", TRIBOTWIN_VERSION);
-    hello.commands = {"fault"};
-    for (const twin::live::EventCommand& command : twin::live::event_commands())
-      hello.commands.emplace_back(command.name);
-    hello.faults = fault_kinds();
+    BenchFeed::add_commands(hello);
     return hello;
   }
   std::function<void(const twin::Twin&, double)> sample() {
@@ -168,6 +165,7 @@ struct Viewers {
       if (feed) feed->status(status);
     };
   }
+  SessionEvents events() { return feed ? feed->events() : SessionEvents(); }
   void note(const std::string& what) {
     report_nonblocking(fmt::format("{}note: {}\n", line ? "\r\033[K" : "", what));
     if (feed) feed->note(what);
@@ -212,7 +210,8 @@ int run(const Arguments& a) {
                                  .stop = stop,
                                  .status = viewers.status(),
                                  .sample = viewers.sample(),
-                                 .note = [&](const std::string& what) { viewers.note(what); }});
+                                 .note = [&](const std::string& what) { viewers.note(what); },
+                                 .events = viewers.events()});
   if (viewers.line) report_nonblocking("\n");
   twin::or_throw(ended);
   return twin::done;

@@ -347,7 +347,7 @@ void refuse_model(const std::string& given) {
 /// One run, and its page if one is asked for.
 Summary simulate(const Arguments& a, const Scenario& scenario, const fs::path& output) {
   auto hello = live::hello_of(scenario, "run", TRIBOTWIN_VERSION);
-  hello.commands = live::TwinFeed::commands();
+  live::TwinFeed::add_commands(hello);
   const auto server = a.web.start(std::move(hello));
   std::optional<live::TwinFeed> feed;
   if (server) feed.emplace(*server, !output.empty());

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cassert>
 #include <csignal>
 #include <thread>
 #include <variant>
@@ -150,6 +151,7 @@ struct Server::Impl {
   /// What the thread of the steps said, to all viewers.
   void pass_on() {
     while (auto message = messages.take()) std::visit([this](const auto& what) { pass_on(what); }, *message);
+    while (auto answer = answers.take()) pass_on(*answer);
     rows.drain([this](std::uint64_t number, std::span<const double> row) {
       for (const auto& viewer : hub.viewers) viewer->add_row(number, row);
     });
@@ -191,7 +193,9 @@ struct Server::Impl {
   RowRing rows;
   Newest poses;
   int ticks = 0;
-  Queue<std::variant<Status, Event, Done>, 256> messages;
+  Queue<std::variant<Status, Event>, 256> messages;
+  std::uint64_t lost_events = 0;  // of the thread of the steps
+  Queue<Done, 64> answers;
   std::string url;
   asio::io_context io{1};
   tcp::acceptor acceptor{io};
@@ -216,9 +220,15 @@ Result<std::unique_ptr<Server>> Server::start(const ServerOptions& options, Hell
 const std::string& Server::url() const { return impl_->url; }
 RowRing& Server::rows() { return impl_->rows; }
 Newest& Server::poses() { return impl_->poses; }
-void Server::tell(Status status) { impl_->messages.push(std::move(status)); }
-void Server::tell(Event event) { impl_->messages.push(std::move(event)); }
-void Server::tell(Done done) { impl_->messages.push(std::move(done)); }
-std::optional<Command> Server::take() { return impl_->hub.commands.take(); }
+void Server::tell(Status status) {
+  status.lost_events = impl_->lost_events;
+  impl_->messages.push(std::move(status));
+}
+void Server::tell(Event event) { impl_->lost_events += !impl_->messages.push(std::move(event)); }
+void Server::tell(Done done) {
+  const bool told = impl_->answers.push(std::move(done));
+  assert(told), (void)told;
+}
+std::optional<Command> Server::take() { return impl_->answers.has_room() ? impl_->hub.commands.take() : std::nullopt; }
 
 }  // namespace tribotwin::twin::live

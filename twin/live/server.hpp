@@ -45,10 +45,12 @@ class Server {
   RowRing& rows();
   /// Poses as read_poses writes them; their number is that of the row they belong to.
   Newest& poses();
+  /// With the number of events lost so far.
   void tell(Status status);
   void tell(Event event);
+  /// The answer to the last command taken; always has room.
   void tell(Done done);
-  /// The next command of a page.
+  /// The next command of a page; none as well while answers wait for the server, so that none is ever lost.
   std::optional<Command> take();
 
  private:

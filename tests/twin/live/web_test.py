@@ -15,8 +15,8 @@ SAY = (
     {"type": "command", "id": 2, "do": "marker", "text": "x" * 201},
     {"type": "command", "id": 4, "do": "shutdown"},
 )
-EVENTS = ["marker", "ambient", "payload", "wear", "joint_fault"]
-COMMANDS_OF_RUN, COMMANDS_OF_DRIVE = ["pause", "resume", "step", *EVENTS], ["fault", *EVENTS]
+COMMANDS_OF_RUN = ["pause", "resume", "step", "marker", "ambient", "payload", "wear", "joint_fault"]
+COMMANDS_OF_DRIVE = ["fault", *COMMANDS_OF_RUN]
 FAULT = {"type": "command", "do": "fault", "kind": "over_temperature", "duration_s": 1, "temperature_degC": 140}
 FAULTS = ("drop", "delay", "corrupt", "duplicate", "silence", "bus_off", "link_down", "over_temperature",
           "encoder_freeze", "safe_torque_off")  # fmt: skip
@@ -157,9 +157,17 @@ def check_faults(texts):
     check("fault: no other drive", not any(any(c[:4] + c[5:]) for c in codes), codes)
     sent = [line.split()[-1] for line in content("faults.log").splitlines()]
     check("fault: its EMCY is in the record", any(s.startswith("085#1043") for s in sent), sent[:20])
+    told = [(e["joint"], e["text"]) for e in texts["event"] if e["kind"] == "emcy"]
+    check("fault: its EMCY is an event", told == [("joint5", "4310h the drive is too hot")], told)
     again = run(hil, "replay", scenario, "faults.log", "--fast", "-o", "again", "--set", "telemetry_rate_hz=500")
     check("fault: a replay repeats it", ": 0 differ, 0 missing, 0 added" in again.stdout, again.stdout + again.stderr)
     same_record("fault: the replay", "drive", "again")
+    command = [hil, "replay", scenario, "faults.log", "--set", "telemetry_rate_hz=500"]
+    texts, _ = serve("fault: a shown replay", "shown_faults", command)
+    told = [(e["kind"], e["joint"], e["text"]) for e in texts["event"] if e["kind"] in ("fault", "emcy")]
+    expected = [("fault", "over_temperature begins"), ("emcy", "4310h the drive is too hot"),
+                ("fault", "over_temperature ends")]  # fmt: skip
+    check("fault: the page of a replay tells it", told == [(k, "joint5", t) for k, t in expected], told)
 
 
 def bits(folder):
@@ -218,6 +226,31 @@ def test_pause():
     check("step: five rows", len(between) == 5 and len(set(pauses.stepped[1:])) == 1, (stood, pauses.stepped, between))
     left_s, took_s = 3 - stepped, time.monotonic() - pauses.resumed_s
     check("resume: the clock had stood", took_s > 0.9 * left_s > 1, (took_s, left_s))
+
+
+def test_pause_of_a_session():
+    """The same of a robot that moves with the clock: a step is a SYNC cycle, and a replay stands and goes on too."""
+    pauses = Pauses()
+    telemetry = ["--set", "telemetry_rate_hz=1000"]
+    texts, rows = serve(
+        "held", "held", [hil, "drive", scenario, "--can", "memory:held", "--realtime", "--duration", "3", "--record",
+        "held_bus.log", *telemetry], answer=pauses,
+    )  # fmt: skip
+    done = answers(texts)
+    expected = [False, False, True, False, False, True, True]
+    check("held: what is obeyed, what is refused", [done[i][0] for i in range(7)] == expected, done)
+    check("held: why", done[0][1] == "the robot is not paused" == done[1][1].removeprefix("step: "), done)
+    stood, stepped = set(pauses.paused), set(pauses.stepped[1:])
+    check("held: the robot stands", len(stood) == len(stepped) == 1, (pauses.paused, pauses.stepped))
+    check("held: five cycles of 2 ms", abs(max(stepped) - max(stood) - 0.01) < 1e-9, (stood, stepped))
+    check("held: rows have no gap", len(rows) > 2 and max(rows[1:, 0] - rows[:-1, 0]) < 0.0011, len(rows))
+    words = [
+        w for line in content("held_bus.log.session").splitlines() for w in line.split() if w[:5] in ("pause", "resum")
+    ]
+    check("held: it is in LOG.session", words == ["pause=0", "pause=5", "resume"], words)
+    again = run(hil, "replay", scenario, "held_bus.log", "--fast", "-o", "held_again", *telemetry)
+    check("held: a replay repeats it", ": 0 differ, 0 missing, 0 added" in again.stdout, again.stdout + again.stderr)
+    same_record("held: the replay", "held", "held_again")
 
 
 class Happens:
@@ -287,6 +320,11 @@ def test_events_of_a_session():
     again = run(hil, "replay", scenario, "happened.log", "--fast", "-o", "replayed", *telemetry)
     check("events: a replay repeats them", ": 0 differ, 0 missing, 0 added" in again.stdout, again.stderr)
     same_record("events: the replay", "session", "replayed")
+    told = lambda texts: [
+        (e["time_s"], e["kind"], e["joint"], e["text"]) for e in texts["event"] if e["kind"] != "note"
+    ]
+    shown, _ = serve("events: a shown replay", "shown", [hil, "replay", scenario, "happened.log", *telemetry])
+    check("events: the page of a replay tells them", told(shown) == told(texts), (told(shown), told(texts)))
     recorded = content("session/scenario.yaml")
     types = [e["type"] for e in yaml.safe_load(recorded)["events"]]
     check("events: a session has them in its record", types == TYPES, types)
@@ -357,6 +395,7 @@ test_vary()
 test_run()
 test_drive()
 test_pause()
+test_pause_of_a_session()
 test_events()
 test_events_of_a_session()
 test_events_of_cycles()

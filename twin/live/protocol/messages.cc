@@ -49,6 +49,7 @@ Json bus_json(const BusStatus& bus) {
           {"frames_out", bus.frames_out},
           {"syncs", bus.syncs},
           {"lost", bus.lost},
+          {"foreign", bus.foreign ? Json(*bus.foreign) : Json(nullptr)},
           {"sync_period_us", spread_json(bus.sync_period)},
           {"sync_to_tpdo_us", spread_json(bus.sync_to_tpdo)}};
 }
@@ -113,6 +114,7 @@ std::string to_json(const Status& status) {
                   {"paused", status.paused},
                   {"recording", status.recording},
                   {"lost_frames", status.lost_frames},
+                  {"lost_events", status.lost_events},
                   {"drives", drives},
                   {"buses", buses},
                   {"residual", residual}});

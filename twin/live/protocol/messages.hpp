@@ -74,6 +74,7 @@ struct BusStatus {
   std::string name;
   std::optional<double> load, bit_rate;  ///< share of 1; [bit/s]
   std::uint64_t frames_in = 0, frames_out = 0, syncs = 0, lost = 0;
+  std::optional<std::uint64_t> foreign = {};  ///< frames that mean none of our drives
   std::optional<Spread> sync_period = {}, sync_to_tpdo = {};
 };
 
@@ -89,6 +90,7 @@ struct Status {
   double simulated_s = 0, wall_s = 0;
   bool paused = false, recording = false;
   std::uint64_t lost_frames = 0;
+  std::uint64_t lost_events = 0;    ///< for which the way to the server had no room
   std::vector<DriveStatus> drives;  ///< empty: they have no bus
   std::vector<BusStatus> buses;
   std::vector<Residual> residual;        ///< of a shadow
