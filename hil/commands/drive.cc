@@ -80,6 +80,11 @@ struct Arguments : RobotOptions {
         "--record session.log");
   }
 
+  /// The folder of what is written.
+  std::filesystem::path results() const {
+    return output.empty() ? std::filesystem::path(record).parent_path() : std::filesystem::path(output);
+  }
+
   void check_files(const twin::Scenario& robot) const {
     auto inputs = files_of(robot);
     inputs.push_back({"--faults " + faults, faults});
@@ -146,7 +151,7 @@ struct Viewers {
   std::optional<BenchFeed> feed;
 
   Viewers(const Arguments& a, const twin::Scenario& scenario)
-      : line(!a.quiet && isatty(STDERR_FILENO)), server(a.web.start(hello_of(scenario))) {
+      : line(!a.quiet && isatty(STDERR_FILENO)), server(a.web.start(hello_of(scenario), a.results())) {
     if (server) feed.emplace(*server, scenario, !a.record.empty() || !a.output.empty());
   }
   static twin::live::Hello hello_of(const twin::Scenario& scenario) {

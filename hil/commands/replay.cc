@@ -95,7 +95,7 @@ struct Page {
   Page(const Arguments& a, const twin::Scenario& scenario) {
     auto hello = twin::live::hello_of(scenario, "replay", TRIBOTWIN_VERSION);
     hello.commands = {"marker"};
-    server = a.web.start(std::move(hello));
+    server = a.web.start(std::move(hello), a.output);
     if (server) feed.emplace(*server, scenario, !a.output.empty());
   }
   void show_in(ReplayOptions& options) {

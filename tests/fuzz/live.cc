@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <random>
 #include <string>
@@ -17,28 +18,47 @@
 #include <sys/time.h>
 #include <unistd.h>
 
+#include <tribotwin/twin/live/commands.hpp>
 #include <tribotwin/twin/live/server.hpp>
 
 namespace {
 
+using namespace tribotwin::twin;
 using namespace tribotwin::twin::live;
+
+long inside = 0, refused = 0, files = 0;
+std::optional<std::int64_t> left;  // of the run that is paused
 
 /// A bench that needs a token although it is on loopback.
 struct HostileBench {
   std::unique_ptr<Server> server;
   std::uint16_t port = 0;
   std::string token;
+  /// What hostile pages record and export comes here and nowhere else.
+  const std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / fmt::format("tribotwin_fuzz_live_{}", ::getpid());
 
+  HostileBench(const HostileBench&) = delete;
+  ~HostileBench() {
+    server.reset();
+    std::filesystem::remove_all(folder);
+  }
   HostileBench() {
     ServerOptions options;
     options.address = {.host = "127.0.0.1", .port = 0, .loopback = false};
     options.limits.messages_per_s = 1000;  // so that what is said reaches the parser
-    auto started = Server::start(options, {.program = "fuzz",
-                                           .version = "1",
-                                           .scenario = "fuzz",
-                                           .commands = {"pause", "marker"},
-                                           .joints = {{"joint1", "load", 80}},
-                                           .columns = std::vector<Column>(8, {"", "time_s", "s"})});
+    options.limits.memory_bytes = 1 << 16;
+    std::filesystem::create_directories(folder);
+    options.folder = folder;
+    Hello hello{.program = "fuzz",
+                .version = "1",
+                .scenario = "fuzz",
+                .commands = {"pause", "marker", "step", "wear"},
+                .joints = {{"joint1", "load", 80}},
+                .columns = std::vector<Column>(8, {"", "time_s", "s"})};
+    hello.head = TelemetryOptions{.joints = {"joint1"}, .channels = std::vector<Channel>(7)};
+    for (std::size_t c = 0; c < 7; ++c) hello.head->channels[c].name = fmt::format("channel_{}", c);
+    auto started = Server::start(options, std::move(hello));
     require(started.has_value(), "no server");
     server = std::move(*started);
     const std::string& url = server->url();
@@ -78,11 +98,23 @@ std::string answer_to(std::string_view bytes) {
   return all;
 }
 
-void check_commands() {
-  while (const auto command = bench().server->take()) {
-    require(command->name == "pause" || command->name == "marker", "a command that there is not");
-    require(command->id.is_string() || command->id.is_number_integer(), "a command without an id");
-    bench().server->tell(Done{command->viewer, command->id, true, "done"});
+/// The commands of `run` and `drive` are read as they read them; what they say happens or is refused.
+Acts acts() {
+  Acts all;
+  add_events(all, *bench().server, 1, [](const YAML::Node& event) {
+    require(!to_text(event).empty(), "an event without words");
+    return true;
+  });
+  add_pause(all, 1, {"the run", "row", [] { return left; }, [](auto moves) { left = moves; }});
+  return all;
+}
+
+/// Files of live benches alone, and few: they are removed so that the disk stays as it is.
+void check_files() {
+  for (const auto& entry : std::filesystem::directory_iterator(bench().folder)) {
+    const std::string name = entry.path().filename().string();
+    require(name.starts_with("live-") || name.starts_with(".live-"), "a file with a name that a page chose");
+    if (!name.starts_with(".")) std::filesystem::remove(entry.path()), ++files;
   }
 }
 
@@ -92,8 +124,6 @@ std::string upgrade_of(const std::string& more) {
       "13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Protocol: tribotwin.live.v1\r\n{}\r\n",
       bench().port, more);
 }
-
-long inside = 0, refused = 0;
 
 /// A request of a stranger; of these bytes not one is the token.
 void check_request(std::string_view bytes) {
@@ -196,8 +226,26 @@ class HostileInput {
     }
   }
   std::string command() {
-    return R"({"type":)" + (below(6) ? R"("command")" : value()) + R"(,"id":)" + value() + R"(,"do":)" +
-           (below(3) ? R"("marker")" : value()) + R"(,"text":)" + value() + "}";
+    const std::string begin = R"({"type":)" + (below(6) ? R"("command")" : value()) + R"(,"id":)" + value();
+    const std::string name = one_of({"marker", "pause", "resume", "step", "wear", "record", "export", "fly"});
+    std::string keys;
+    for (const char* key : {"text", "cycles", "joint", "parameter", "factor", "on", "minutes", "format", "messages"})
+      if (below(20) == 0 || belongs(key, name))
+        if (below(9)) keys += fmt::format(R"(,"{}":{})", key, below(3) ? fitting(key) : value());
+    return begin + R"(,"do":)" + (below(9) ? '"' + name + '"' : value()) + keys + "}";
+  }
+  static bool belongs(std::string_view key, std::string_view name) {
+    static const std::pair<const char*, const char*> all[] = {
+        {"text", "marker"}, {"cycles", "step"}, {"joint", "wear"},     {"parameter", "wear"},
+        {"factor", "wear"}, {"on", "record"},   {"minutes", "export"}, {"format", "export"}};
+    return std::ranges::any_of(all, [&](const auto& row) { return row.first == key && row.second == name; });
+  }
+  std::string fitting(std::string_view key) {
+    if (key == "on") return one_of({"true", "false"});
+    if (key == "format") return one_of({"\"h5\"", "\"mcap\""});
+    if (key == "messages") return one_of({"\"ros2\"", "\"json\""});
+    if (key == "text" || key == "joint" || key == "parameter") return one_of({"\"joint1\"", "\"../../x\"", "\"a\""});
+    return one_of({"1", "5", "0.5", "1e9"});
   }
   std::string value() {
     return one_of({"1",
@@ -261,7 +309,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     check_request(bytes);
   else
     check_viewer(bytes);
-  check_commands();
+  obey(*bench().server, 1, acts());
+  static long inputs = 0;
+  if (++inputs % 64 == 0) check_files();
   return 0;
 }
 
@@ -277,7 +327,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string page =
       answer_to(fmt::format("GET /?token={} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", bench().token, bench().port));
   require(page.starts_with("HTTP/1.1 200"), "the bench serves no more");
-  std::printf("%ld inputs with seed %llu: %ld strangers refused, %ld viewers\n", count,
-              static_cast<unsigned long long>(seed), refused, inside);
+  check_files();
+  std::printf("%ld inputs with seed %llu: %ld strangers refused, %ld viewers, %ld files\n", count,
+              static_cast<unsigned long long>(seed), refused, inside, files);
   return count < 100 || (inside > 0 && refused > 0) ? 0 : 1;
 }

@@ -34,10 +34,10 @@ def begin(name, *command):
 
 def check_answers(name, texts):
     hello = texts["hello"][0]
-    check(f"{name}: commands", (hello["program"], hello["commands"]) == (name, ["marker"]), hello)
+    check(f"{name}: commands", (hello["program"], hello["commands"]) == (name, ["marker", "record", "export"]), hello)
     done = {d["id"]: (d["ok"], d["message"]) for d in texts.get("done", [])}
     check(f"{name}: it marks", done[1][0] and done[1][1].endswith("no record has it"), done)
-    check(f"{name}: no other command", done[2] == (False, "do must be one of: marker"), done)
+    check(f"{name}: no other command", done[2] == (False, "do must be one of: marker, record, export"), done)
 
 
 class Movement(threading.Thread):

@@ -348,7 +348,7 @@ void refuse_model(const std::string& given) {
 Summary simulate(const Arguments& a, const Scenario& scenario, const fs::path& output) {
   auto hello = live::hello_of(scenario, "run", TRIBOTWIN_VERSION);
   live::TwinFeed::add_commands(hello);
-  const auto server = a.web.start(std::move(hello));
+  const auto server = a.web.start(std::move(hello), output);
   std::optional<live::TwinFeed> feed;
   if (server) feed.emplace(*server, !output.empty());
   Progress progress(a.quiet);

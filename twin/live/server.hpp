@@ -1,6 +1,7 @@
 #pragma once
 
 #include <chrono>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <span>
@@ -17,7 +18,8 @@ namespace tribotwin::twin::live {
 struct ServerOptions {
   Address address;
   bool readonly = false;
-  std::string foxglove_origin = {};  ///< the one site that may connect by Foxglove's protocol; empty: our own only
+  std::string foxglove_origin = {};   ///< the one site that may connect by Foxglove's protocol; empty: our own only
+  std::filesystem::path folder = {};  ///< of what pages record and export; empty: they cannot
   Limits limits;
 };
 

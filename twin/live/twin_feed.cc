@@ -43,6 +43,7 @@ Hello hello_of(const Scenario& scenario, std::string program, std::string versio
     const std::vector<std::string> of_units = units(model, binding);
     for (std::size_t c = 0; c < all.size(); ++c) hello.columns.push_back({joint, all[c].name, of_units[c]});
   }
+  hello.head = telemetry_options(scenario);
   for (const drive::FaultInfo& fault : drive::faults())
     hello.joint_faults.emplace_back(std::string(fault.name), fault.maximum);
   hello.geometry = geometry_json(model);

@@ -1,10 +1,11 @@
 """`tribotwin run --web` and `tribotwin-hil drive --web`: what a viewer gets is what telemetry.h5 has, to the last bit;
 addresses that are wrong or taken. Arguments: tribotwin, tribotwin-hil, source tree."""
-import json, os, shutil, socket, subprocess, sys, time
+import json, os, shutil, signal, socket, subprocess, sys, time
 
 import h5py, yaml
 
 from harness import check, check_refused, content, finish, path, run, work
+from recorded_rows import compare_part, rows_of_h5, rows_of_mcap
 from web_viewer import PATIENCE_S, compare, messages, watch, web_address
 
 tribotwin, hil, source = sys.argv[1:]
@@ -15,7 +16,7 @@ SAY = (
     {"type": "command", "id": 2, "do": "marker", "text": "x" * 201},
     {"type": "command", "id": 4, "do": "shutdown"},
 )
-COMMANDS_OF_RUN = ["pause", "resume", "step", "marker", "ambient", "payload", "wear", "joint_fault"]
+COMMANDS_OF_RUN = ["pause", "resume", "step", "marker", "ambient", "payload", "wear", "joint_fault", "record", "export"]
 COMMANDS_OF_DRIVE = ["fault", *COMMANDS_OF_RUN]
 FAULT = {"type": "command", "do": "fault", "kind": "over_temperature", "duration_s": 1, "temperature_degC": 140}
 FAULTS = ("drop", "delay", "corrupt", "duplicate", "silence", "bus_off", "link_down", "over_temperature",
@@ -253,6 +254,104 @@ def test_pause_of_a_session():
     same_record("held: the replay", "held", "held_again")
 
 
+class Records:
+    """Says what a page records and exports, by the time of the run."""
+
+    def __init__(self, *plan):
+        self.plan = list(plan) or [
+            (0.5, {"do": "record", "on": True}),
+            (0.8, {"do": "record", "on": True}),
+            (1.2, {"do": "export", "minutes": 0.01, "format": "h5"}),
+            (1.8, {"do": "export", "minutes": 5, "format": "mcap"}),
+            (2.2, {"do": "record", "on": False}),
+            (2.4, {"do": "record", "on": False}),
+            (2.5, {"do": "export", "minutes": 1, "format": "h5", "name": "../h5"}),
+        ]
+        self.said = 0
+
+    def __call__(self, text):
+        now = []
+        while text["type"] == "status" and self.said < len(self.plan) and text["simulated_s"] > self.plan[self.said][0]:
+            now.append({"type": "command", "id": self.said, **self.plan[self.said][1]})
+            self.said += 1
+        return now
+
+
+def check_files(name, folder, telemetry, texts):
+    done = {d["id"]: d for d in texts["done"]}
+    check(f"{name}: what is obeyed, what is refused", [done[i]["ok"] for i in range(7)] ==
+          [True, False, True, True, True, False, False], done)  # fmt: skip
+    named = [done[i]["file"]["name"] for i in (0, 2, 3, 4)]
+    check(f"{name}: a name by the time", named[0] == named[3] and named[0].startswith("live-0000."), named)
+    check(f"{name}: no name of the page's", done[6]["message"].startswith("export: name: is not known"), done[6])
+    there = sorted(f for f in os.listdir(path(folder)) if "live" in f)
+    check(f"{name}: these files and no other", there == sorted(named[:3]), (there, named))
+    statuses = [s["file"] and s["file"]["name"] for s in texts["status"]]
+    check(f"{name}: statuses say what is recorded", set(statuses) == {None, named[0]}, statuses)
+    for number, read in ((4, rows_of_mcap), (3, rows_of_mcap), (2, rows_of_h5)):
+        file = done[number]["file"]
+        times, numbers = read(os.path.join(folder, file["name"]))
+        check(f"{name}: {file['name']}: as it was answered", (len(times), times[0], times[-1], file["lost_rows"]) ==
+              (file["rows"], round(1e9 * file["from_s"]), round(1e9 * file["to_s"]), 0), file)  # fmt: skip
+        compare_part(f"{name}: {file['name']}", times, numbers, telemetry, 200)
+    check(f"{name}: so many minutes", abs(done[2]["file"]["minutes"] - 0.01) < 1e-4 and
+          0.02 < done[3]["file"]["minutes"] < 0.05, done)  # fmt: skip
+
+
+def test_files():
+    """What a page records and exports of a run and of a session is what telemetry.h5 has."""
+    telemetry = ["--set", "telemetry_rate_hz=500"]
+    texts, _ = serve("files of a run", "files", [tribotwin, "run", scenario, "--realtime", "--quiet", "--set",
+                     "duration_s=3", *telemetry], answer=Records())  # fmt: skip
+    check_files("files of a run", "files", "files/telemetry.h5", texts)
+    os.mkdir(path("bench"))
+    texts, _ = serve("files of a session", "recorded", [hil, "drive", scenario, "--can", "memory:files", "--realtime",
+                     "--duration", "3", *telemetry, "--web-folder", "bench"], answer=Records())  # fmt: skip
+    check_files("files of a session", "bench", "recorded/telemetry.h5", texts)
+    check("files of a session: not in another folder", not any("live" in f for f in os.listdir(path("recorded"))))
+
+
+def test_interrupted_recording():
+    """A program that is interrupted closes what is recorded; its folder is that of the record."""
+    os.mkdir(path("cut"))
+    with open(path("cut.log"), "w") as log:
+        process = subprocess.Popen([hil, "drive", scenario, "--can", "memory:cut", "--realtime", "--record",
+                                    "cut/session.log", "--web", "127.0.0.1:0"], cwd=work, stderr=log)  # fmt: skip
+
+        def answer(text):
+            if text["type"] == "hello":
+                return [{"type": "command", "id": 1, "do": "record", "on": True}]
+            if text["type"] == "status" and text["simulated_s"] > 1.5:
+                process.send_signal(signal.SIGINT)
+            return []
+
+        try:
+            texts, _, _, end = watch(*web_address(path("cut.log")), answer=answer)
+            code = process.wait(PATIENCE_S)
+        finally:
+            process.kill()
+    check("interrupted: ends well", (code, end) == (0, 1001), content("cut.log"))
+    name = texts["done"][0]["file"]["name"]
+    there = sorted(os.listdir(path("cut")))
+    check("interrupted: the recording is there", there == sorted([name, "session.log", "session.log.session"]), there)
+    times, _ = rows_of_mcap(os.path.join("cut", name))
+    check("interrupted: it is whole", len(times) > 10 and len(set(times[1:] - times[:-1])) == 1, len(times))
+    check("interrupted: what came of it is told", any("recorded " + name in e["text"] for e in texts["event"]))
+
+
+def test_wrong_folders():
+    with open(path("a_file"), "w"):
+        pass
+    for folder in ("nowhere", "a_file"):
+        for program, command in ((tribotwin, ["run", scenario]), (hil, ["drive", scenario, "--can", "memory:w"])):
+            r = run(program, *command, "--quiet", "-o", "none", "--web", "127.0.0.1:0", "--web-folder", folder)
+            check_refused(f"{command[0]} --web-folder {folder}", r, f"--web-folder {folder}: is no folder")
+            check(f"{command[0]} --web-folder {folder}: nothing is written", not os.path.exists(path("none")))
+    for more in ([], ["--web", "127.0.0.1:0", "--web-readonly"]):
+        refused = run(tribotwin, "run", scenario, "--web-folder", ".", *more)
+        check_refused(f"--web-folder {more}", refused, "--web", lines=None)
+
+
 class Happens:
     """Says what happens and what cannot, a second after the start."""
 
@@ -396,6 +495,9 @@ test_run()
 test_drive()
 test_pause()
 test_pause_of_a_session()
+test_wrong_folders()
+test_files()
+test_interrupted_recording()
 test_events()
 test_events_of_a_session()
 test_events_of_cycles()
