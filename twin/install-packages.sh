@@ -10,7 +10,7 @@ packages=(
   liblz4-dev libzstd-dev                               # chunks of .mcap
   libsqlite3-dev libpqxx-dev                           # the store of a fleet: a file, or PostgreSQL
   libceres-dev libboost-dev                            # identification: trust region, distributions; the live bench
-  libjs-dygraphs libjs-three                           # histories and the robot on the page of the live bench
+  libjs-three                                          # the robot on the page of the live bench
   libosmesa6-dev liblodepng-dev libpango1.0-dev pkg-config   # pictures
   gnuplot-nox fonts-dejavu-core                              # run by tribotwin-report
 )

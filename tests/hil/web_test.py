@@ -1,14 +1,13 @@
 """`tribotwin-hil replay --web` and `shadow --web`: what a viewer gets is what telemetry.h5 of the replay and the CSV of
 the shadow have. Arguments: tribotwin-hil, source tree."""
-import csv, os, signal, subprocess, sys, threading, time
+import csv, os, signal, subprocess, sys, time
 
 import can
 import h5py
 import numpy
 
 from harness import check, check_refused, content, finish, path, run, work
-from master import Master
-from session import connect, hold_scenario
+from session import Movement, hold_scenario
 from web_viewer import PATIENCE_S, compare, watch, web_address
 
 hil, source = sys.argv[1:]
@@ -38,43 +37,6 @@ def check_answers(name, texts):
     done = {d["id"]: (d["ok"], d["message"]) for d in texts.get("done", [])}
     check(f"{name}: it marks", done[1][0] and done[1][1].endswith("no record has it"), done)
     check(f"{name}: no other command", done[2] == (False, "do must be one of: marker, record, export"), done)
-
-
-class Movement(threading.Thread):
-    """A master that enables the drives and moves joint 2, a SYNC every 4 ms, until it is told to end; the SYNC number
-    `odd_sync` has a counter that no drive was told of."""
-
-    def __init__(self, odd_sync=None):
-        super().__init__(daemon=True)
-        self.going, self.enabled = True, threading.Event()
-        self.k, self.odd_sync, self.unanswered = 0, odd_sync, 0
-
-    def run(self):
-        master = Master(connect(address, "socketcand", "can0"), nodes)
-        if self.odd_sync:
-            master.be_patient()
-        master.nmt(1)
-        for n in nodes:
-            master.send_torque(n)
-        for word in (0x80, 0x00, 0x06, 0x07, 0x0F):
-            master.control(word)
-            master.cycle()
-            master.cycle()
-        home = dict(master.position)
-        self.enabled.set()
-        while self.going:
-            begun = time.monotonic()
-            self.k += 1
-            step = 20000 * (1 - abs(self.k % 500 / 250 - 1))
-            if self.k == self.odd_sync:
-                master.send(0x80, b"\x01")
-            targets = {n: home[n] + round(step) if n == 2 else home[n] for n in nodes}
-            try:
-                self.unanswered += self.going and not master.cycle(targets)
-            except can.CanError:  # the drives have ended
-                break
-            time.sleep(max(0, 0.004 - (time.monotonic() - begun)))
-        master.bus.shutdown()
 
 
 def test_replay():
@@ -147,7 +109,7 @@ def test_drive_is_held():
     """In lockstep: the drives answer each SYNC, the robot stands, and a replay has the same frames and numbers."""
     process, where = begin("held", "drive", scenario, "--can", address, "--quiet", "--record", "held_bus.log",
                            "-o", "held", "--cycle", "4", *rate, "--duration", "4")  # fmt: skip
-    movement = Movement(odd_sync=50)
+    movement = Movement(address, nodes, odd_sync=50)
     movement.start()
     held = Held(movement)
     texts, numbers, rows, end = watch(*where, answer=held)
@@ -186,7 +148,7 @@ def test_shadow():
     process, where = begin("shadow", "shadow", scenario, "--can", gateway, "--csv", "shadow.csv", "--limit", "1e-3",
                            "--limit-time", "0.1", "--joint", "joint2", "--lockstep", "--cycle", "4",
                            "--duration", "8")  # fmt: skip
-    movement = Movement()  # after the shadow, which must hear how the torque is mapped
+    movement = Movement(address, nodes)  # after the shadow, which must hear how the torque is mapped
     movement.start()
     texts, numbers, rows, end = watch(*where, *MARK)
     code = process.wait(PATIENCE_S)

@@ -11,6 +11,8 @@ const rows = [
   ['bit rate', 'bit_rate', 'bit/s'],
 ];
 
+const barsHeight = 96, digitWidth = 7.6;  // in a text of 12 px
+
 class Bus {
   constructor(name) {
     this.name = name;
@@ -41,26 +43,46 @@ class Bus {
   }
 
   showHistogram(bins) {
-    const key = JSON.stringify(bins);
+    const width = this.histogram.clientWidth || 400, key = JSON.stringify([bins, width]);
     if (key === this.key) return;
     this.key = key;
     const most = Math.max(1, ...bins.map((bin) => bin[1]));
-    const width = 400, height = 110, each = width / Math.max(1, bins.length);
+    const each = width / Math.max(1, bins.length);
     const bars = bins.map(([upper_us, count], i) => {
-      const tall = count ? Math.max(1, (count / most) * (height - 18)) : 0;
+      const tall = count ? Math.max(1, (count / most) * (barsHeight - 6)) : 0;
       const wide = Math.max(0.5, each - 1);
-      const bar = drawing('rect', { x: i * each + 0.5, y: height - tall, width: wide, height: tall });
+      const bar = drawing('rect', { x: i * each + 0.5, y: barsHeight - tall, width: wide, height: tall });
       bar.classList.add('bin');
       const lower = i ? `from ${bins[i - 1][0]} ` : '';
       bar.append(drawing('title'));
       bar.firstChild.textContent = `${lower}${upper_us === null ? '' : `below ${upper_us} `}µs: ${count}`;
       return bar;
     });
-    this.histogram.replaceChildren(drawing('svg', { viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: 'none',
-      role: 'img', 'aria-label': 'Histogram of the time from SYNC to TPDO' }, ...bars));
-    const edges = bins.map((bin) => bin[0]).filter(isNumber);
-    setText(this.caption, bins.length ? 'TPDOs over their time from SYNC [µs]: bins below ' +
-      `${edges[0]} … ${edges.at(-1)} µs, tallest ${grouped(most)}` : 'no time from SYNC to TPDO yet');
+    const height = barsHeight + 20;
+    this.histogram.replaceChildren(drawing('svg', { width, height, viewBox: `0 0 ${width} ${height}`, role: 'img',
+      'aria-label': 'Histogram of the time from SYNC to TPDO' },
+    drawing('line', { x1: 0, x2: width, y1: barsHeight + 0.5, y2: barsHeight + 0.5 }), ...bars,
+    ...this.edges(bins, each, width)));
+    setText(this.caption, bins.length ? 'TPDOs over their time from SYNC, in bins that end at the values below them; ' +
+      `the tallest has ${grouped(most)}` : 'no time from SYNC to TPDO yet');
+  }
+
+  /// Where bins end, as far as there is room; the last one always, with the unit.
+  edges(bins, each, width) {
+    const limits = bins.map(([limit], i) => ({ text: String(limit), limit, x: (i + 1) * each })).filter((edge) =>
+      edge.limit !== null);
+    if (limits.length) limits.at(-1).text += '\u00a0µs';
+    const out = [];
+    let free = width;
+    for (const { text, x } of limits.reverse()) {
+      const wide = text.length * digitWidth, from = Math.min(x - wide / 2, width - wide);
+      if (from < 0 || from + wide > free) continue;
+      free = from - 8;
+      out.push(drawing('line', { x1: Math.min(x, width - 0.5), x2: Math.min(x, width - 0.5), y1: barsHeight,
+        y2: barsHeight + 5 }), drawing('text', { x: from, y: barsHeight + 17, class: 'edge' }));
+      out.at(-1).textContent = text;
+    }
+    return out;
   }
 }
 

@@ -43,7 +43,8 @@ export class Events {
 
   /// The line covers what the page keeps.
   draw(from, to) {
-    const shown = this.within(from, to), key = `${shown.length} ${from.toFixed(1)} ${to.toFixed(1)}`;
+    const shown = this.within(from, to), step = (to - from) / 200;  // finer is not seen
+    const key = `${shown.length} ${Math.round(from / step)} ${Math.round(to / step)}`;
     if (key === this.drawn || !(to > from)) return;
     this.drawn = key;
     const lanes = Object.keys(kinds).filter((kind) => this.all.some((event) => event.kind === kind));

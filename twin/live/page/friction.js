@@ -1,22 +1,19 @@
 // Friction over speed: the law at the present temperature, and the points as they come.
 import { byId, element, setText, style } from './dom.js';
-import { isNumber, rounded, withUnit } from './format.js';
+import { isNumber, number, showNumber } from './format.js';
+import { plain, ticks } from './scale.js';
 
 const pointsKept = 1500, perRow = 4;
 const margin = { left: 62, right: 12, top: 10, bottom: 40 };
-
-function ticks(from, to, count) {
-  const raw = (to - from) / count, power = 10 ** Math.floor(Math.log10(raw));
-  const step = power * ([1, 2, 5, 10].find((factor) => factor * power >= raw) ?? 10);
-  const out = [];
-  for (let at = Math.ceil(from / step) * step; at <= to + step * 1e-9; at += step) out.push(Number(at.toPrecision(12)));
-  return out;
-}
 
 export class Friction {
   constructor(hello, ring, watch) {
     Object.assign(this, { hello, ring, watch, law: null, refusal: null });
     this.canvas = byId('friction_canvas');
+    const said = this.said = { law: element('span'), temperature: number('law_degC'), load: number('law_load'),
+      points: element('span') };
+    said.where = element('span', {}, said.temperature, ' and load ', said.load, ' of the largest torque. ');
+    byId('friction_text').replaceChildren(said.law, said.where, said.points);
     const select = byId('watched');
     const options = hello.joints.map(({ name }) => element('option', { value: name, textContent: name }));
     select.replaceChildren(...options);
@@ -94,13 +91,13 @@ export class Friction {
     c.textAlign = 'center';
     for (const at of ticks(0, range.x, Math.max(2, width / 90))) {
       line(x(at), margin.top, x(at), bottom);
-      c.fillText(String(at), x(at), bottom + 16);
+      c.fillText(plain(at), x(at), bottom + 16);
     }
     c.fillText('motor speed [rad/s]', (margin.left + width - margin.right) / 2, height - 6);
     c.textAlign = 'right';
     for (const at of ticks(range.low, range.high, 5)) {
       line(margin.left, y(at), width - margin.right, y(at));
-      c.fillText(String(at).replace('-', '−'), margin.left - 6, y(at) + 4);
+      c.fillText(plain(at), margin.left - 6, y(at) + 4);
     }
     c.save();
     c.translate(13, (margin.top + bottom) / 2);
@@ -136,13 +133,14 @@ export class Friction {
   }
 
   describe(points) {
-    const parts = [];
-    if (this.law) parts.push(`Line: law ${this.joint.law ?? ''} at ${withUnit(this.law.temperature_degC, 'degC')} ` +
-      `and load ${rounded(this.law.load_norm, 's')} of the largest torque.`);
-    else parts.push(this.refusal ? `No law: ${this.refusal}.` : 'The law has not come yet.');
-    if (!this.joint?.gear_ratio) parts.push('No points: the program does not say the gear ratio.');
-    else parts.push(`Squares: the last ${points.length} of every ${perRow}th row, the newest in a circle; at rest ` +
-      'friction may be anything up to breakaway.');
-    setText(byId('friction_text'), parts.join(' '));
+    const { law, joint, refusal, said } = this;
+    setText(said.law, law ? `Line: law ${joint.law ?? ''} at ` : refusal ? `No law: ${refusal}. `
+      : 'The law has not come yet. ');
+    said.where.hidden = !law;
+    showNumber(said.temperature, law?.temperature_degC, 'degC');
+    showNumber(said.load, law?.load_norm, 'share');
+    setText(said.points, !joint?.gear_ratio ? 'No points: the program does not say the gear ratio.'
+      : `Squares: the last ${points.length} of every ${perRow}th row, the newest in a circle; at rest friction may be ` +
+        'anything up to breakaway.');
   }
 }

@@ -1,7 +1,7 @@
 // The robot in 3-D: drawn when something changed and can be seen, with housings in the colour of their temperature.
 import { scaleAfter, viridis } from './colours.js';
 import { byId, drawing, element, setText, style } from './dom.js';
-import { isNumber, withUnit } from './format.js';
+import { isNumber, number, showNumber } from './format.js';
 import { Orbit } from './orbit.js';
 import { Robot } from './robot.js';
 
@@ -131,9 +131,10 @@ export class Scene {
 
   /// Beside a joint: its name and what is to be said of it, with a line to its housing.
   label(joint) {
-    const text = element('span'), line = drawing('line');
+    const text = { before: element('span'), degC: number('temperature_degC'), after: element('span') };
+    const line = drawing('line');
     const box = element('button', { type: 'button', className: 'scene_label', hidden: true, tabIndex: -1,
-      onclick: () => this.choose(joint) }, text);
+      onclick: () => this.choose(joint) }, ...Object.values(text));
     byId('scene_labels').append(box);
     byId('scene_lines').append(line);
     this.labels.set(joint, { box, text, line });
@@ -216,8 +217,9 @@ export class Scene {
     for (const [joint, { box, text }] of this.labels) {
       const wrong = this.wrong.has(joint), selected = this.selected === joint, warmest = this.warmest === joint;
       this.robot.mark(joint, wrong ? style('--bad') : selected ? style('--ink') : null);
-      const degC = withUnit(this.values.get(joint), 'degC');
-      setText(text, `${wrong ? '✖ ' : ''}${joint} ${degC}${warmest ? ' warmest' : ''}`);
+      setText(text.before, `${wrong ? '✖ ' : ''}${joint} `);
+      showNumber(text.degC, this.values.get(joint), 'degC');
+      setText(text.after, warmest ? ' warmest' : '');
       box.title = wrong ? this.wrong.get(joint) : '';
       for (const [name, on] of Object.entries({ wrong, selected, warmest })) box.classList.toggle(name, on);
     }

@@ -26,6 +26,12 @@ function limitText(drive, joint, temperature_degC) {
   return `${near}${withUnit(room_K, 'K')} below ${withUnit(joint.limit_degC, 'degC')}${when}`;
 }
 
+function limitDigits(drive, joint, temperature_degC) {
+  if (!isNumber(joint.limit_degC) || !isNumber(temperature_degC)) return '';
+  const when = isNumber(drive?.time_to_limit_s) ? `, reached in ${drive.time_to_limit_s} s` : '';
+  return `${joint.limit_degC - temperature_degC} K below ${joint.limit_degC} °C${when}`;
+}
+
 const facts = [
   ['position', 'position_rad', 'rad'], ['target position', 'target.position_rad', 'rad'],
   ['following error', 'following_error_rad', 'rad'], ['velocity', 'velocity_rad_s', 'rad/s'],
@@ -81,6 +87,7 @@ class Tile {
     this.root.classList.toggle('warmest', warmest);
     this.badge.hidden = !warmest;
     setText(this.limit, limitText(drive, this.joint, temperature));
+    this.limit.title = limitDigits(drive, this.joint, temperature);
     this.showWords(drive, residual, wrong);
     for (const { name, unit, value, row } of this.numbers) {
       const target = name.startsWith('target.') ? drive?.target?.[name.slice(7)] : drive?.[name];

@@ -2,7 +2,7 @@
 import json, math, sys
 
 from harness import check, finish, path, work
-import devtools, mock_bench, scene_checks
+import devtools, mock_bench, scene_checks, shown
 
 JOINTS = 6
 TEMPERATURES = [41.2, 74.6, 55.123456789012345, 38.9, 113.4, 47.7]
@@ -217,6 +217,80 @@ def check_commands(tab, bench):
     check("a number out of range is not sent", len(bench.messages) == 10, bench.messages[10:])
 
 
+def check_files(tab, bench):
+    """What is recorded is said while it is, and what an export really holds."""
+    bench.messages.clear()
+    form = "document.querySelector('form[data-do=record]')"
+    check("nothing is recorded at first", tab.value(f"{form}.innerText").endswith("No page records."))
+    bench.also = {"export": {"message": "live-0012.5s.h5: 1200 rows", "file": {"name": "live-0012.5s.h5",
+                  "rows": 1200, "lost_rows": 0, "from_s": 0.1, "to_s": 1.3, "minutes": 0.375}}}  # fmt: skip
+    shown.press(tab, "record", {"messages": "json"})
+    file = {"name": "live-0001.5s.mcap", "rows": 12345, "lost_rows": 0, "from_s": 1.5, "to_s": 13.845,
+            "minutes": 0.20575}  # fmt: skip
+    bench.say(status(file=file, recording=True))
+    stop = f"{form}.querySelector('button').textContent === 'Stop recording'"
+    check("the button ends what was begun", tab.until(stop))
+    said = tab.value(f"{form}.innerText")
+    check("the page says into which file", "live-0001.5s.mcap gets all rows" in said, said)
+    numbers = values(tab, "form[data-do=record]")
+    check("and how much it has", numbers == {"file.rows": 12345, "file.lost_rows": 0, "file.minutes": 0.20575}, numbers)
+    red = f"getComputedStyle({form}.querySelector('[data-name=\"file.lost_rows\"]')).color"
+    calm = tab.value(red)
+    bench.say(status(file={**file, "lost_rows": 7}, recording=True))
+    check("lost rows of a file are red", tab.until(f"{red} !== '{calm}'"), (calm, tab.value(red)))
+    shown.press(tab, "record")
+    bench.say(status())
+    check("then it begins anew", tab.until(f"{form}.innerText.endsWith('No page records.')"))
+    answer = shown.press(tab, "export", {"format": "h5"}, minutes="2.5")
+    want = "\u2714 export, minutes 2.5, format h5: done, live-0012.5s.h5: 1200 rows; it has 0.4 min"
+    check("an export is answered with its file and what it holds", answer == ["done", want], answer)
+    shown.press(tab, "export", {"format": "mcap", "messages": "ros2"}, minutes="1")
+    asked = [{k: v for k, v in m.items() if k not in ("type", "id")} for m in bench.messages]
+    want = [{"do": "record", "on": True, "messages": "json"}, {"do": "record", "on": False},
+            {"do": "export", "minutes": 2.5, "format": "h5"},
+            {"do": "export", "minutes": 1, "format": "mcap", "messages": "ros2"}]  # fmt: skip
+    check("all as the protocol says", asked == want, asked)
+
+
+def check_losses(tab, bench):
+    """Lost events are wrong; foreign frames are nobody's fault."""
+    lost = "document.querySelector('#lost_events')"
+    hidden = f"{lost}.parentElement.hidden"
+    check("no lost event, no word of it", tab.value(hidden) is True)
+    bench.say(status(lost_events=3))
+    check("lost events are counted", tab.until(f"!{hidden}") and values(tab, "#lost_events") == {"events_lost": 3})
+    colours = tab.value(
+        f"[{lost}, document.querySelector('#bus_can0 [data-name=foreign]'), document.querySelector('#wrong_list a') "
+        "?? document.querySelector('.fault')].map(e => getComputedStyle(e).color)"
+    )
+    check("they are red, foreign frames are not", colours[0] == colours[2] != colours[1], colours)
+    bench.say(status())
+    tab.until(hidden)
+
+
+EDGES = """[...document.querySelectorAll('#bus_can0 .edge')].map(t => (r => [t.textContent, r.left, r.right])(
+  t.getBoundingClientRect())).sort((a, b) => a[1] - b[1])"""
+
+
+def check_histogram(tab, bench):
+    """Bins of a real session: labels where they fit, none over another, at any width."""
+    limits = [20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 320, 384, 448, 512, 640, 768, 896,
+              1024, 1280, 1536, 1792, 2048, 2560, 3072, 3584, 4096]  # fmt: skip
+    said = status()
+    said["buses"][0]["sync_to_tpdo_us"]["histogram"] = [[limit, 3 + limit % 7] for limit in limits]
+    for width in (360, 1440):
+        tab.window(width, 900)
+        bench.say(said)
+        tab.until(f"(e => e.length && e.at(-1)[0].startsWith('4096'))({EDGES})")
+        edges = tab.until(f"(e => e.length > 4 && e.at(-1)[2] <= innerWidth && e)({EDGES})")
+        names = [e[0] for e in edges]
+        check(f"{width} px: labels of bins, with their unit", names[-1] == "4096\u00a0\u00b5s" and len(names) > 4 and
+              {int(n.split()[0]) for n in names} <= set(limits), names)  # fmt: skip
+        over = [(a, b) for a, b in zip(edges, edges[1:]) if a[2] >= b[1]]
+        check(f"{width} px: none over another", not over, over)
+    bench.say(status())
+
+
 def check_events(tab, bench):
     bench.say({"type": "event", "time_s": 1.25, "kind": "emcy", "joint": "joint3", "text": "8611h <img src=x>"})
     bench.say({"type": "event", "time_s": 1.375, "kind": "marker", "joint": None, "text": "here"})
@@ -330,6 +404,9 @@ def main():
         check_plots(tab)
         check_law(tab, bench)
         check_commands(tab, bench)
+        check_files(tab, bench)
+        check_losses(tab, bench)
+        check_histogram(tab, bench)
         check_events(tab, bench)
         scene_checks.check_hands(tab)
         scene_checks.check_colours(tab, bench, row)
