@@ -78,8 +78,8 @@ def flat(prefix, values):
     return out
 
 
-def check_statuses(name, looks, statuses):
-    """Numbers and words of drives and buses are those of the status with the same clocks."""
+def check_statuses(name, looks, statuses, *needed):
+    """Numbers and words of drives and buses are those of the status with the same clocks; `needed`: of a bus."""
     wrong, count = [], 0
     for one in looks:
         status = statuses.get(tuple(one["status"]))
@@ -100,10 +100,10 @@ def check_statuses(name, looks, statuses):
             said = flat("", bus) | ({"load_percent": 100 * bus["load"]} if bus["load"] is not None else {})
             got = {n: float(v) for n, v, *_ in one["buses"][bus["name"]]}
             wrong += [(n, got[n], said.get(n)) for n in got if got[n] != said.get(n)]
-            wrong += [(n, "is not shown") for n in ("syncs", "frames_in", "sync_to_tpdo_us.p99") if n not in got]
+            wrong += [(n, "is not shown") for n in {"syncs", "frames_in", *needed} - set(got)]
             count += len(got)
     check(f"{name}: numbers and words of drives and buses are those of the status then", not wrong, wrong[:4])
-    check(f"{name}: there were some", count > 20 * len(looks), count)
+    check(f"{name}: there were some", count > 11 * len(looks), count)
 
 
 def check_wrong(tab):
@@ -118,18 +118,20 @@ def check_wrong(tab):
     marked = tab.value("[...document.querySelectorAll('.tile.wrong')].map(t => t.id)")
     check("their tiles too, and no other", marked == ["drive_joint3", "drive_joint5"], marked)
     emcy = "[...document.querySelectorAll('#event_list li')].map(l => l.innerText).filter(t => t.includes('EMCY'))"
-    check("with their EMCYs among the events", tab.until(f"{emcy}.length === 2", PATIENCE_S), tab.value(emcy))
-    said = sorted(re.search(r"joint\d: (\w+)", e)[1] for e in tab.value(emcy))
-    check("which say what they are", said == ["4310h", "9000h"], tab.value(emcy))
+    check("with their EMCYs among the events", tab.until(f"{emcy}.length >= 2", PATIENCE_S), tab.value(emcy))
+    said = {re.search(r"joint\d: \w+", e)[0] for e in tab.value(emcy)}
+    check("which say what they are", said == {"joint3: 9000h", "joint5: 4310h"}, tab.value(emcy))
 
 
 def press_every_fault(tab):
     """All kinds, on joint 6 where they are of a drive, for a moment."""
-    kinds = tab.value("[...document.querySelectorAll('form[data-do=fault] select[name=kind] option')].map(o => o.value)")
+    kinds = tab.value(
+        "[...document.querySelectorAll('form[data-do=fault] select[name=kind] option')].map(o => o.value)"
+    )
     check("the page has every kind of fault", kinds == list(EVERY), kinds)
     for kind, typed in EVERY.items():
         choose = {"kind": kind} | ({} if kind in WHOLE_BUS else {"joint": "" if kind in ALL_DRIVES else "joint6"})
-        answer = shown.press(tab, "fault", choose, duration_s="0.001", **typed)
+        answer = shown.press(tab, "fault", choose, duration_s="0.05", **typed)
         check(f"{kind} begins", answer[0] == "done", answer)
 
 
@@ -145,7 +147,7 @@ def check_session_file(tab):
     missing = [w for w in ("text: here", "-12.5", "7.25", "Fc0: 1.5", "backlash") if not any(w in e for e in events)]
     check("and what happened to the robot", len(events) == 5 and not missing, (events, missing))
     listed = tab.value("[...document.querySelectorAll('#event_list li')].reverse().map(l => l.innerText)")
-    kinds = [k for line in listed for k in re.findall(r"(\w+) for 0\.001 s", line)]
+    kinds = [k for line in listed for k in re.findall(r"(\w+) for 0\.05 s", line)]
     check("the page lists every fault", kinds == list(EVERY), listed)
     again = run(hil, "replay", scenario, "moved.log", "--fast", *rate, "-o", "again", "--cycle", "4")
     check("a replay repeats all", ": 0 differ, 0 missing, 0 added" in again.stdout, again.stdout + again.stderr)
@@ -181,7 +183,7 @@ def test_drive(tab):
         process.kill()
     wire.join(PATIENCE_S)
     shown.check_looks("drive", shown.Record("drive"), looks, 60)
-    check_statuses("drive", looks, wire.statuses())
+    check_statuses("drive", looks, wire.statuses(), "sync_to_tpdo_us.p99", "sync_period_us.max")
     check_session_file(tab)
 
 

@@ -11,6 +11,9 @@ const rows = [
   ['bit rate', 'bit_rate', 'bit/s'],
 ];
 
+// A bus may be called socketcand://127.0.0.1:29537/can0.
+const placeOf = (name) => 'bus_' + name.replace(/[^\w-]+/g, '_');
+
 const barsHeight = 96, digitWidth = 7.6;  // in a text of 12 px
 
 class Bus {
@@ -22,7 +25,7 @@ class Bus {
     this.bar = element('span', { className: 'bar' });
     this.histogram = element('div', { className: 'histogram' });
     this.caption = element('figcaption');
-    this.root = element('article', { className: 'card bus', id: 'bus_' + name },
+    this.root = element('article', { className: 'card bus', id: placeOf(name), 'data-name': name },
       element('h2', { textContent: `Bus ${name}` }),
       element('div', { className: 'track', 'aria-hidden': 'true' }, this.bar),
       element('dl', {}, ...this.values.map((entry) => entry.row)),
@@ -101,8 +104,8 @@ export class Buses {
         byId('buses').append(this.buses.get(bus.name).root);
       }
       this.buses.get(bus.name).show(bus);
-      if (bus.lost > 0) wrong.push([bus.name, `${bus.lost} frames lost since the start`, 'bus_' + bus.name]);
-      if (bus.load >= 1) wrong.push([bus.name, `load ${rounded(100 * bus.load, '%')} %`, 'bus_' + bus.name]);
+      if (bus.lost > 0) wrong.push([bus.name, `${bus.lost} frames lost since the start`, placeOf(bus.name)]);
+      if (bus.load >= 1) wrong.push([bus.name, `load ${rounded(100 * bus.load, '%')} %`, placeOf(bus.name)]);
     }
     return wrong;
   }

@@ -17,7 +17,7 @@ PRESSED = (
     ("ambient", {}, {"temperature_degC": "61.123456789012345"}),
     ("payload", {}, {"mass_kg": "40"}),
     ("wear", {"joint": "joint2", "parameter": "Fc0"}, {"factor": "3"}),
-    ("joint_fault", {"joint": "joint3", "fault": "preload_loss"}, {"severity": "0.25", "growth_per_h": "100"}),
+    ("joint_fault", {"joint": "joint3", "fault": "preload_loss"}, {"severity": "0.25", "growth_per_h": "0.5"}),
     ("marker", {}, {"text": "null"}),
     ("marker", {}, {"text": "- a: 'b' # \"c\" \u00b0"}),
 )
@@ -25,7 +25,7 @@ RECORDED = [
     {"type": "ambient", "temperature_degC": 61.123456789012345},
     {"type": "payload", "mass_kg": 40},
     {"type": "wear", "joint": "joint2", "factors": {"Fc0": 3}},
-    {"type": "fault", "joint": "joint3", "fault": "preload_loss", "severity": 0.25, "growth_per_h": 100},
+    {"type": "fault", "joint": "joint3", "fault": "preload_loss", "severity": 0.25, "growth_per_h": 0.5},
     {"type": "marker", "text": "null"},
     {"type": "marker", "text": "- a: 'b' # \"c\" \u00b0"},
 ]
@@ -100,8 +100,8 @@ def check_record(tab):
     listed = tab.value("[...document.querySelectorAll('#event_list li')].reverse().map(l => [l.children[0].title, "
                        "l.children[1].textContent, l.children[2].textContent])")  # fmt: skip
     said = [row[2] for row in listed]
-    want = ["ambient, temperature_degC 61.123456789012345", "payload, mass_kg 40", "joint2: wear, Fc0 3",
-            "joint3: preload_loss, severity 0.25, growth_per_h 100", "null", PRESSED[-1][2]["text"]]  # fmt: skip
+    want = [f"ambient, temperature_degC {RECORDED[0]['temperature_degC']!r}", "payload, mass_kg 40", "joint2: wear, Fc0 3",
+            "joint3: preload_loss, growth_per_h 0.5, severity 0.25", "null", PRESSED[-1][2]["text"]]  # fmt: skip
     check("the page lists them", said == want, said)
     shown_s = {float(row[0].split(" s")[0]) for row in listed}
     check("with their time", shown_s == times, (shown_s, times))

@@ -7,22 +7,22 @@ from harness import check, path
 
 # One look, within which nothing changes: [name, value, tooltip, text] of each number, and of which row they are.
 LOOK = """(() => {
-  const numbers = (root) => [...document.querySelectorAll(root + ' data')]
+  const numbers = (root) => [...root.querySelectorAll('data')]
     .filter(d => d.value !== '' && !d.closest('[hidden]')).map(d => [d.dataset.name, d.value, d.title, d.textContent]);
   const one = (selector) => document.querySelector(selector);
   const exact = (selector) => Number(one(selector).value);
-  const tile = (t) => ({ numbers: numbers('#' + t.id), limit: t.querySelector('.limit').title,
+  const tile = (t) => ({ numbers: numbers(t), limit: t.querySelector('.limit').title,
     state: t.querySelector('.state').textContent, fault: t.querySelector('.fault').textContent });
   return {
     row: Number(one('#drives').dataset.row), cursor: Number(one('#cursor_time data').dataset.row),
     tiles: Object.fromEntries([...document.querySelectorAll('.tile')].map(t => [t.id.slice(6), tile(t)])),
-    histories: numbers('#figures'), time: numbers('#cursor_time'), law: numbers('#friction_text'),
+    histories: numbers(one('#figures')), time: numbers(one('#cursor_time')), law: numbers(one('#friction_text')),
     watched: one('#watched').value,
     warmest: [one('#warmest_text a').textContent, exact('#warmest_text data')],
     labels: [...document.querySelectorAll('.scene_label:not([hidden])')].map(l => [l.textContent.match(/joint\\d+/)[0],
       Number(l.querySelector('data').value)]),
     status: [exact('#simulated data'), exact('#wall data')],
-    buses: Object.fromEntries([...document.querySelectorAll('.bus')].map(b => [b.id.slice(4), numbers('#' + b.id)])),
+    buses: Object.fromEntries([...document.querySelectorAll('.bus')].map(b => [b.dataset.name, numbers(b)])),
     counted: [exact('#rows data'), exact('#lost data')],
   };
 })()"""
