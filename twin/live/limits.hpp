@@ -18,7 +18,7 @@ struct Limits {
   std::size_t memory_bytes = 128 << 20;     ///< of the last rows, which can be exported
   std::size_t texts = 256;                  ///< that wait for one viewer; with more it is sent away
   std::size_t events = 200;                 ///< that a new viewer is told of
-  int batches_per_s = 60;                   ///< of rows
+  int batches_per_s = 120;                  ///< of rows
   int poses_per_s = 30;                     ///< the newest of them
   std::chrono::milliseconds farewell{500};  ///< for what is left at the end
 };

@@ -1,5 +1,5 @@
 // What the buses carry: load, SYNC, answers to it, frames.
-import { byId, drawing, element, grouped, setText } from './dom.js';
+import { byId, drawing, element, grouped, setBar, setText } from './dom.js';
 import { isNumber, number, rounded, showNumber } from './format.js';
 
 const rows = [
@@ -24,6 +24,8 @@ class Bus {
       entry.row = element('div', {}, element('dt', { textContent: entry.label }), element('dd', {}, entry.value));
     this.bar = element('span', { className: 'bar' });
     this.histogram = element('div', { className: 'histogram' });
+    this.size = new ResizeObserver(([{ contentRect }]) => { this.width = Math.floor(contentRect.width) || 400; });
+    this.size.observe(this.histogram);
     this.caption = element('figcaption');
     this.root = element('article', { className: 'card bus', id: placeOf(name), 'data-name': name },
       element('h2', { textContent: `Bus ${name}` }),
@@ -41,12 +43,12 @@ class Bus {
       row.classList.toggle('bad', key === 'lost' && shown > 0);
       showNumber(value, shown, unit);
     }
-    this.bar.style.width = `${Math.min(100, flat.load_percent ?? 0)}%`;
+    setBar(this.bar, bus.load);
     this.showHistogram(bus.sync_to_tpdo_us?.histogram ?? []);
   }
 
   showHistogram(bins) {
-    const width = this.histogram.clientWidth || 400, key = JSON.stringify([bins, width]);
+    const width = this.width ?? 400, key = JSON.stringify([bins, width]);
     if (key === this.key) return;
     this.key = key;
     const most = Math.max(1, ...bins.map((bin) => bin[1]));

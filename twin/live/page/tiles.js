@@ -1,5 +1,5 @@
 // One tile per drive, what is wrong in words, and the warmest joint.
-import { byId, element, setText } from './dom.js';
+import { byId, element, setBar, setText } from './dom.js';
 import { duration, errorCode, isNumber, modeText, number, showNumber, withUnit, words } from './format.js';
 
 const warning_K = 10;  // as the drives: a warning 10 K before the limit
@@ -78,8 +78,7 @@ class Tile {
   show(drive, residual, values, warmest, span) {
     const temperature = values('temperature_degC');
     showNumber(this.temperature, temperature, 'degC');
-    const share = (temperature - span[0]) / (span[1] - span[0]);
-    this.bar.style.width = `${100 * Math.min(1, Math.max(0, share || 0))}%`;
+    setBar(this.bar, (temperature - span[0]) / (span[1] - span[0]));
     const wrong = wrongs(drive, this.joint, temperature, residual);
     const near = isNumber(this.joint.limit_degC) && temperature > this.joint.limit_degC - warning_K;
     this.root.classList.toggle('wrong', wrong.length > 0);
