@@ -146,6 +146,7 @@ export class Chart {
     this.move(shift);
     this.drawLines(left, goesOn ? Math.min(newest - left, width - shift) - again : 0);
     this.drawn = { left, right };
+    this.area.dataset.row = end > 0 ? ring.number(end - 1) : '';
     this.stale = false;
   }
 

@@ -140,7 +140,7 @@ export class Friction {
     showNumber(said.temperature, law?.temperature_degC, 'degC');
     showNumber(said.load, law?.load_norm, 'share');
     setText(said.points, !joint?.gear_ratio ? 'No points: the program does not say the gear ratio.'
-      : `Squares: the last ${points.length} of every ${perRow}th row, the newest in a circle; at rest friction may be ` +
-        'anything up to breakaway.');
+      : `Squares: the last ${points.length} of every ${perRow}th row, the newest in a circle; at rest friction may ` +
+        'be anything up to breakaway.');
   }
 }

@@ -114,7 +114,7 @@ class Tab:
             raise RuntimeError(expression + ": " + str(result["exceptionDetails"].get("exception", result)))
         return result["result"].get("value")
 
-    def until(self, expression, seconds=8):
+    def until(self, expression, seconds=30):
         """The first true value, else the last one."""
         end = time.monotonic() + seconds
         while True:

@@ -119,7 +119,7 @@ def check_lost_rows(tab, bench):
 
 def check_plots(tab):
     tab.value("document.querySelector('.history').scrollIntoView({block: 'center'})")  # what is not seen is not drawn
-    box = tab.until("(() => { const r = document.querySelector('.area canvas')?.getBoundingClientRect();"
+    box = tab.until("(() => { const r = document.querySelector('.area[data-row] canvas')?.getBoundingClientRect();"
                     "return r && {x: r.x, y: r.y, w: r.width, h: r.height}; })()")  # fmt: skip
     tab.value("document.querySelector('.history').focus()")
     tab.key("End", 35)
@@ -320,7 +320,7 @@ def check_reconnect(tab, bench, folder):
         "a command without connection is not called sent", answer == "resume: not sent, there is no connection", answer
     )
     again = mock_bench.MockBench(folder, mock_bench.hello(session="second", commands=["marker", "later"]), port)
-    check("it comes back by itself", tab.until("document.body.dataset.link === 'up'", 12))
+    check("it comes back by itself", tab.until("document.body.dataset.link === 'up'"))
     again.rows(0, [row(n) for n in range(50)])
     received(tab, 50)
     check("another session begins anew: nothing is lost", values(tab, "#lost") == {"rows_lost": 0})
@@ -342,7 +342,7 @@ def check_widths(tab):
     for width, height in ((360, 740), (768, 1024), (1440, 900), (3840, 2160)):
         for scheme in ("light", "dark"):
             tab.window(width, height, scheme)
-            tab.until("document.querySelector('.area canvas').getBoundingClientRect().right <= innerWidth", 2)
+            tab.until("document.querySelector('.area canvas').getBoundingClientRect().right <= innerWidth")
             over = tab.value(OVERFLOW)
             check(f"nothing is wider than {width} px, {scheme}", over[0] <= 0 and not over[1], over)
             tab.picture(path(f"{width}_{scheme}.png"))

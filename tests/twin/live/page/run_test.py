@@ -100,7 +100,8 @@ def check_record(tab):
     listed = tab.value("[...document.querySelectorAll('#event_list li')].reverse().map(l => [l.children[0].title, "
                        "l.children[1].textContent, l.children[2].textContent])")  # fmt: skip
     said = [row[2] for row in listed]
-    want = [f"ambient, temperature_degC {RECORDED[0]['temperature_degC']!r}", "payload, mass_kg 40", "joint2: wear, Fc0 3",
+    warm = f"ambient, temperature_degC {RECORDED[0]['temperature_degC']!r}"
+    want = [warm, "payload, mass_kg 40", "joint2: wear, Fc0 3",
             "joint3: preload_loss, growth_per_h 0.5, severity 0.25", "null", PRESSED[-1][2]["text"]]  # fmt: skip
     check("the page lists them", said == want, said)
     shown_s = {float(row[0].split(" s")[0]) for row in listed}

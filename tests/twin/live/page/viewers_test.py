@@ -1,5 +1,5 @@
-"""Ten viewers of a real `tribotwin run --web` at once, one of them a page in chromium: each has every row since it came.
-Arguments: tribotwin, source tree."""
+"""Ten viewers of a real `tribotwin run --web` at once, one of them a page in chromium: each has every row since it
+came. Arguments: tribotwin, source tree."""
 import os, signal, subprocess, sys, threading
 
 import numpy
@@ -58,8 +58,8 @@ def main():
         viewer.join(PATIENCE_S)
         texts, numbers, rows, end = viewer.heard
         check(f"viewer {number}: good bye", end == 1001, end)
-        check(f"viewer {number}: no row is missing", (numpy.diff(numbers) == 1).all() and numbers[-1] == record.rows - 1,
-              (numbers[:1], numbers[-1:], record.rows))  # fmt: skip
+        whole = (numpy.diff(numbers) == 1).all() and numbers[-1] == record.rows - 1
+        check(f"viewer {number}: no row is missing", whole, (numbers[:1], numbers[-1:], record.rows))
         if number == 0:
             compare("viewer 0", "run", texts["hello"][0], numbers, rows)
     finish()
