@@ -144,15 +144,22 @@ matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
   page.scene.retheme();
 });
 
-// On paper the histories keep the height that they were drawn with.
-const keepHeights = (keep) => {
-  for (const area of document.querySelectorAll('.area')) area.style.height = keep ? `${area.clientHeight}px` : '';
-};
-addEventListener('beforeprint', () => {
-  keepHeights(true);
-  page.scene.print();
-});
-addEventListener('afterprint', () => keepHeights(false));
+/// On paper all is drawn, in dark on white, and canvases keep their shape.
+function print(begins) {
+  document.documentElement.classList.toggle('printed', begins);
+  page.plots?.retheme();
+  if (begins) page.plots?.draw(true);
+  page.friction?.draw();
+  for (const drawn of document.querySelectorAll('.area, #friction_canvas')) {
+    const { clientWidth: width, clientHeight: height } = drawn;
+    Object.assign(drawn.style, begins ? { width: `${width}px`, aspectRatio: `${width} / ${height}` }
+      : { width: '', aspectRatio: '' });
+  }
+  page.scene.retheme();
+  if (begins) page.scene.print();
+}
+addEventListener('beforeprint', () => print(true));
+addEventListener('afterprint', () => print(false));
 
 byId('rows').append(counts.rows);
 byId('lost').append(counts.lost);

@@ -44,6 +44,7 @@ class Bus {
       showNumber(value, shown, unit);
     }
     setBar(this.bar, bus.load);
+    this.bar.parentElement.hidden = !isNumber(bus.load);
     this.showHistogram(bus.sync_to_tpdo_us?.histogram ?? []);
   }
 

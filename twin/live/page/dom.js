@@ -25,8 +25,8 @@ export function setText(to, text) {
   if (to.textContent !== text) to.textContent = text;
 }
 
-/// 12345 as 12 345.
-export const grouped = (count) => count.toLocaleString('en').replace(/,/g, ' ');
+/// 12345 as 12 345, with spaces at which no line ends.
+export const grouped = (count) => count.toLocaleString('en').replace(/,/g, '\u00a0');
 
 /// How much of its track a bar fills; by a transform, which lays nothing out.
 export function setBar(bar, share) {

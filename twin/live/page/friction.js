@@ -12,7 +12,7 @@ export class Friction {
     this.canvas = byId('friction_canvas');
     const said = this.said = { law: element('span'), temperature: number('law_degC'), load: number('law_load'),
       points: element('span') };
-    said.where = element('span', {}, said.temperature, ' and load ', said.load, ' of the largest torque. ');
+    said.where = element('span', {}, said.temperature, ' and load ', said.load, ' of the largest torque, dashes: backwards. ');
     byId('friction_text').replaceChildren(said.law, said.where, said.points);
     const select = byId('watched');
     const options = hello.joints.map(({ name }) => element('option', { value: name, textContent: name }));
@@ -59,15 +59,15 @@ export class Friction {
     const c = this.canvas.getContext('2d');
     c.setTransform(scale, 0, 0, scale, 0, 0);
     c.clearRect(0, 0, width, height);
-    const curve = this.law ? this.law.speed_rad_s.map((v, i) => [v, this.law.friction_nm[i]]) : [];
-    const all = [...curve, ...points].filter(([x, y]) => isNumber(x) && isNumber(y));
+    const curves = this.branches();
+    const all = [...curves.flat(), ...points].filter(([x, y]) => isNumber(x) && isNumber(y));
     if (all.length === 0) return;
     const range = this.range(all);
     const x = (v) => margin.left + (v / range.x) * (width - margin.left - margin.right);
     const y = (f) => margin.top + (range.high - f) / (range.high - range.low) * (height - margin.top - margin.bottom);
     this.axes(c, { width, height, x, y, range });
     this.drawPoints(c, points, x, y);
-    this.drawLaw(c, curve, x, y);
+    this.drawLaw(c, curves, x, y);
   }
 
   range(all) {
@@ -124,12 +124,23 @@ export class Friction {
     c.stroke();
   }
 
-  drawLaw(c, curve, x, y) {
+  /// The law over the amount of the speed, forwards and backwards.
+  branches() {
+    if (!this.law) return [];
+    const all = this.law.speed_rad_s.map((v, i) => [v, this.law.friction_nm[i]]);
+    return [all.filter(([v]) => v >= 0), all.filter(([v]) => v <= 0).map(([v, f]) => [-v, f]).reverse()];
+  }
+
+  drawLaw(c, curves, x, y) {
     c.strokeStyle = style('--line-0');
     c.lineWidth = 2.2;
-    c.beginPath();
-    curve.forEach(([v, f], i) => (i ? c.lineTo(x(v), y(f)) : c.moveTo(x(v), y(f))));
-    c.stroke();
+    curves.forEach((curve, backwards) => {
+      c.setLineDash(backwards ? [5, 5] : []);
+      c.beginPath();
+      curve.forEach(([v, f], i) => (i ? c.lineTo(x(v), y(f)) : c.moveTo(x(v), y(f))));
+      c.stroke();
+    });
+    c.setLineDash([]);
   }
 
   describe(points) {

@@ -219,12 +219,13 @@ export class Plots {
     event.preventDefault();
   }
 
-  draw() {
+  /// `all`: also what is not in sight.
+  draw(all = false) {
     const { ring } = this;
     if (ring.last < 0) return;
     const [from, to] = this.view();
     const first = Math.max(ring.begin, ring.find(from) - 1), last = Math.min(ring.end, ring.find(to) + 1);
-    for (const plot of this.plots) if (plot.seen) plot.chart.draw(ring, first, last, from, to);
+    for (const plot of this.plots) if (plot.seen || all) plot.chart.draw(ring, first, last, from, to);
     this.dirty = false;
     byId('figures').dataset.row = ring.number(ring.last);
   }

@@ -43,9 +43,8 @@ const facts = [
 const ofDrive = (name) => name.startsWith('target.') || name === 'following_error_rad';
 const ofResidual = (name) => name.startsWith('residual.');
 
-// With spaces at which no line ends.
-const busName = ({ bus }) =>
-  (bus === null || bus === undefined ? '' : isNumber(bus) ? `bus\u00a0${bus}\u00a0` : `${bus}\u00a0`);
+/// With spaces at which no line ends; `bus` is a place among the buses, and that of a single one is not said.
+const busName = ({ bus }, buses) => (buses.length > 1 && isNumber(bus) ? `bus\u00a0${bus}\u00a0` : '');
 
 class Tile {
   constructor(joint, columns, choose) {
@@ -75,7 +74,7 @@ class Tile {
         element('dl', {}, ...this.numbers.map((n) => n.row), this.brakeRow)));
   }
 
-  show(drive, residual, values, warmest, span) {
+  show(drive, buses, residual, values, warmest, span) {
     const temperature = values('temperature_degC');
     showNumber(this.temperature, temperature, 'degC');
     setBar(this.bar, (temperature - span[0]) / (span[1] - span[0]));
@@ -87,7 +86,7 @@ class Tile {
     this.badge.hidden = !warmest;
     setText(this.limit, limitText(drive, this.joint, temperature));
     this.limit.title = limitDigits(drive, this.joint, temperature);
-    this.showWords(drive, residual, wrong);
+    this.showWords(drive, buses, residual, wrong);
     for (const { name, unit, value, row } of this.numbers) {
       const target = name.startsWith('target.') ? drive?.target?.[name.slice(7)] : drive?.[name];
       const shown = ofDrive(name) ? target : ofResidual(name) ? residual?.[name.slice(9)] : values(name);
@@ -96,11 +95,11 @@ class Tile {
     }
   }
 
-  showWords(drive, residual, wrong) {
+  showWords(drive, buses, residual, wrong) {
     const bus = drive && drive.state !== null && drive.state !== undefined;
     setText(this.state, bus ? words(drive.state) : residual ? 'listened to on a bus' : 'simulated, not on a bus');
     const [mode, modeWords] = modeText(drive?.mode);
-    setText(this.network, bus ? `NMT ${words(drive.nmt)} · ${mode} · ${busName(drive)}node\u00a0${drive.node}` : '');
+    setText(this.network, bus ? `NMT ${words(drive.nmt)} · ${mode} · ${busName(drive, buses)}node\u00a0${drive.node}` : '');
     this.network.title = bus ? modeWords : '';
     this.fault.hidden = wrong.length === 0;
     setText(this.fault, wrong.length ? '✖ ' + wrong.join('; ') : '');
@@ -130,7 +129,7 @@ export class Tiles {
       const drive = drives.find((d) => d.joint === joints[i].name);
       const residual = status?.residual?.find((r) => r.joint === joints[i].name);
       const top = isNumber(joints[i].limit_degC) ? joints[i].limit_degC : Math.max(60, highest);
-      tile.show(drive, residual, (name) => value(joints[i].name, name), i === warmest, [0, top]);
+      tile.show(drive, status?.buses ?? [], residual, (name) => value(joints[i].name, name), i === warmest, [0, top]);
       for (const what of wrongs(drive, joints[i], temperatures[i], residual)) list.push([joints[i].name, what]);
     });
     this.showWarmest(warmest, drives, highest);

@@ -1,5 +1,5 @@
 """The page of the live bench in chromium, against a bench that says what the test wants. Argument: source tree."""
-import json, math, sys
+import base64, json, math, sys
 
 from harness import check, finish, path, work
 import devtools, mock_bench, scene_checks, shown
@@ -20,7 +20,7 @@ def row(number):
 
 def status(**changes):
     names = [f"joint{j + 1}" for j in range(JOINTS)]
-    drives = [{"joint": name, "bus": "can0", "node": j + 1, "nmt": "operational"} for j, name in enumerate(names)]
+    drives = [{"joint": name, "bus": 0, "node": j + 1, "nmt": "operational"} for j, name in enumerate(names)]
     for j, drive in enumerate(drives):
         drive.update(state="operation enabled", mode="CSP", error_code=0, error_text=None, brake=False)
         drive.update(target={"position_rad": j / 7, "torque_nm": None}, following_error_rad=j / 3000)
@@ -82,7 +82,7 @@ def check_first_sight(tab):
     check("one tile is wrong, one is warmest", marked == [["drive_joint3"], ["drive_joint5"]], marked)
     tile = tab.value("document.querySelector('#drive_joint3').innerText")
     check("its tile says state, NMT, mode and node", all(
-        s in tile for s in ("fault", "NMT operational · CSP · can0\u00a0node\u00a03", "brake\nset")), tile)  # fmt: skip
+        s in tile for s in ("fault", "NMT operational · CSP · node\u00a03", "brake\nset")), tile)  # fmt: skip
     red = """[...document.querySelectorAll('.tile *')].filter(e => e.offsetParent && getComputedStyle(e).color ===
       getComputedStyle(document.querySelector('.tile .fault:not([hidden])')).color).map(e => e.closest('.tile').id)"""
     check("red is on that tile alone", set(tab.value(red)) == {"drive_joint3"}, tab.value(red))
@@ -166,6 +166,26 @@ def check_law(tab, bench):
         ".getImageData(0, 0, c.width, c.height).data].filter((v, i) => i % 4 === 3 && v > 200).length; })()"
     )
     check("something is drawn", drawn > 500, drawn)
+    said = {"type": "law", "joint": "joint1", "temperature_degC": 42.0, "load_norm": 0.125}
+    bench.say({**said, "speed_rad_s": [v - 40 for v in range(81)], "friction_nm": [70 + v for v in range(81)]})
+    tab.until(text + ".includes('42.0')")
+    law = lambda: scene_checks.near(tab.pixels("#friction_canvas"), (0x0B, 0x5E, 0xA8), 20)
+    seen = law()
+    check("backwards it is drawn over the amount of speed", seen[:, 70:].sum() > 300, seen.sum())
+    check("none of it beside the axes", not seen[:, :60].any(), seen[:, :60].sum())
+
+
+def check_print(tab):
+    """Also what is out of sight is drawn for paper, and after it the page is as before."""
+    rows = "[...document.querySelectorAll('.area')].map(a => a.dataset.row)"
+    tab.value("document.querySelector('#keys').scrollIntoView()")
+    newest = tab.value("document.querySelector('#drives').dataset.row")
+    paper = tab.command("Page.printToPDF")["data"]
+    check("on paper all histories are there", tab.value(rows) == 4 * [newest], (tab.value(rows), newest))
+    check("it is a PDF", base64.b64decode(paper)[:5] == b"%PDF-")
+    kept = tab.value("[document.documentElement.className, document.querySelector('.area').style.width]")
+    check("then the page is as before", kept == ["", ""], kept)
+    tab.value("scrollTo(0, 0)")
 
 
 def submit(tab, name, **values_of):
@@ -377,7 +397,7 @@ def check_memory(tab, bench):
         bench.rows(first, [row(n)[:7] + [0.0] * 4089 for n in range(first, first + 100)])
     received(tab, 2000)
     kept = tab.until("(t => t.includes(' min at') && t)(document.querySelector('#kept').textContent)")
-    said = "This page keeps the last 1 536 rows of 4096 numbers (48 MiB), 0.0 min at the rate of now"
+    said = "This page keeps the last 1\u00a0536 rows of 4096 numbers (48 MiB), 0.0 min at the rate of now"
     check("the page says how much it keeps", kept.startswith(said), kept)
     tab.value("document.querySelector('#window').value = '0', document.querySelector('#window').onchange()")
     tab.value("document.querySelector('.history').focus()")
@@ -407,6 +427,7 @@ def main():
         check_files(tab, bench)
         check_losses(tab, bench)
         check_histogram(tab, bench)
+        check_print(tab)
         check_events(tab, bench)
         scene_checks.check_hands(tab)
         scene_checks.check_colours(tab, bench, row)

@@ -34,7 +34,7 @@ def same_bits(a, b):
 
 def is_rounded(text, value):
     """Whether a text as '\u22121.23 Nm' or '12 345' is this number, to its last digit."""
-    words = text.replace("\u2212", "-").split(" ")
+    words = text.replace("\u2212", "-").replace("\u00a0", "").split(" ")
     if not words[-1].strip("-.0123456789") == "":
         words.pop()  # the unit
     digits = "".join(words)
