@@ -22,6 +22,7 @@ if [ "${1:-}" = --tests ]; then
     user-mode-linux gcc libc6-dev kmod iproute2 can-utils busybox-static util-linux   # the CAN VM
     python3-can python3-canmatrix tshark mandoc
     dpkg-dev lintian   # Debian packages
+    clang                     # compiles the exported C
     libopenmpi-dev openmpi-bin   # programs on several ranks
     slurmctld slurmd slurm-client   # a job of a cluster
   postgresql-15   # a fleet's store in a database

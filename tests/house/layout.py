@@ -43,6 +43,7 @@ ORDER = {
         "identification/dynamics_choice",
         "identification/experiment_design",
         "gears",
+        "portable",
         "diagnosis",
         "diagnosis/fleet/database",
         "diagnosis/fleet",
