@@ -2,6 +2,7 @@
 the shadow have. Arguments: tribotwin-hil, source tree."""
 import csv, os, signal, subprocess, sys, time
 
+import can
 import h5py
 import numpy
 

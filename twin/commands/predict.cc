@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <memory>
 #include <thread>
@@ -11,6 +13,7 @@
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
 #include <tribotwin/twin/identification/rigid_body/wrench.hpp>
+#include <tribotwin/twin/identification/verdict/lag_of_files.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -363,7 +366,9 @@ Result<Exit> execute(const Arguments& a) {
         fmt::format("{}: the robot stands still: no joint moves, and friction at rest does not follow from the motion",
                     joined(a.data)));
   j["worst_relative_to_range"] = worst;
-  const std::vector<std::string> warnings = warnings_of(a, robot, file, judgement);
+  std::vector<std::string> warnings = warnings_of(a, robot, file, judgement);
+  std::ranges::move(late_torques(robot.regressor, a.data, lag_of_files(robot.regressor, motion, predicted), motion),
+                    std::back_inserter(warnings));
   j["warnings"] = warnings;
   if (a.output.named())
     if (auto ok = deliver(csv_of(robot, motion, predicted), a.output); !ok) return ok;

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/numerics/executor/bytes.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
@@ -76,6 +77,7 @@ class Leader {
       auto own = crew_->take(wait);
       if (receive() || !own.empty()) pause.something();
       for (auto& done : own) over(0, std::move(done));
+      if (tasks_.meanwhile) tasks_.meanwhile();
       if (stop_ && *stop_) manager_.stop();
       crew_->add(jobs(0));
       // What failed on one rank may become another's at any time.
@@ -281,6 +283,25 @@ std::string text_of(const std::vector<TaskFailure>& failures, const std::functio
                         failures[i].attempts > 1 ? fmt::format(" ({} attempts)", failures[i].attempts) : "");
   if (failures.size() > named) text += fmt::format("; and {} more", failures.size() - named);
   return text;
+}
+
+Result<void> write_failures(const std::filesystem::path& folder, const std::vector<TaskFailure>& failures,
+                            const std::function<std::string(std::size_t)>& name,
+                            const std::function<std::string(std::size_t)>& input) {
+  const std::filesystem::path file = folder / "failures.csv";
+  if (failures.empty()) {
+    std::error_code ignored;
+    std::filesystem::remove(file, ignored);
+    return {};
+  }
+  const auto quoted = [](std::string text) {
+    for (std::size_t at = 0; (at = text.find('"', at)) != std::string::npos; at += 2) text.insert(at, 1, '"');
+    return '"' + text + '"';
+  };
+  std::string text = "part,attempts,message,input\n";
+  for (const TaskFailure& f : failures)
+    text += fmt::format("{},{},{},{}\n", name(f.task), f.attempts, quoted(f.error.message), quoted(input(f.task)));
+  return write_file(file, text, Existing::replace);
 }
 
 }  // namespace tribotwin::twin

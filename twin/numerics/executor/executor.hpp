@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstddef>
+#include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
@@ -35,6 +36,8 @@ struct Tasks {
   std::function<std::string(std::size_t task, const std::vector<std::string>& results)> input;
   /// Rank 0: after each task that is over. May be empty.
   std::function<void(std::size_t over, std::size_t of)> progress;
+  /// Rank 0: every second or more often, while tasks are under way. May be empty.
+  std::function<void()> meanwhile;
 };
 
 struct ExecutorOptions {
@@ -59,5 +62,10 @@ unsigned threads_of(unsigned wanted, const Ranks& ranks = twin::ranks());
 
 /// The first failures in one sentence each: "NAME: MESSAGE (2 attempts)". `name`: of a task.
 std::string text_of(const std::vector<TaskFailure>& failures, const std::function<std::string(std::size_t)>& name);
+
+/// FOLDER/failures.csv: each task that failed, with its name and what it was made from; no such file where none has.
+Result<void> write_failures(const std::filesystem::path& folder, const std::vector<TaskFailure>& failures,
+                            const std::function<std::string(std::size_t)>& name,
+                            const std::function<std::string(std::size_t)>& input);
 
 }  // namespace tribotwin::twin
