@@ -105,14 +105,15 @@ def keep_files(tab):
     check("an export is done", exported[0] == "done", exported)
     names = [re.search(r"live-\S+?\.(mcap|h5)", text)[0] for text in (said, ended[1], exported[1])]
     check("the page names the file while it grows and in the end", names[0] == names[1], names)
-    check("and says how much the export has", "300 rows" in exported[1] and "min asked for" in exported[1], exported)
-    return names[1:]
+    said_rows = int(re.search(r"(\d+) rows, .* min asked for", exported[1])[1])
+    return *names[1:], said_rows
 
 
-def check_files(recorded, exported):
+def check_files(recorded, exported, said_rows):
     compare_part("recorded", *rows_of_mcap("first/" + recorded), "first/telemetry.h5", 100)
     times, columns = rows_of_h5("first/" + exported)
     compare_part("exported", times, columns, "first/telemetry.h5", 200)
+    check("exported: as many rows as the page says", len(times) == said_rows, (len(times), said_rows))
     length_s = 1e-9 * (times[-1] - times[0])
     check("exported: what was asked for", abs(length_s - 0.6) < 0.011, length_s)
 
