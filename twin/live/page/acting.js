@@ -73,7 +73,9 @@ export class Acting {
   simpleParts(name) {
     const row = simple[name];
     if (!row) return null;
-    return [...(row.numbers ?? []).map((key) => numberInput(key)), element('button', { textContent: row.button })];
+    const label = this.hello.program === 'drive' ? 'cycles' : 'rows';  // what a step is
+    const input = (key) => numberInput(key, key === 'cycles' ? [label, inputs[key][1]] : inputs[key]);
+    return [...(row.numbers ?? []).map(input), element('button', { textContent: row.button })];
   }
 
   ambientParts() {
