@@ -1,7 +1,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/live/commands.hpp>
-#include <tribotwin/twin/simulation/marker.hpp>
+#include <tribotwin/twin/simulation/scenario_input.hpp>
 
 namespace tribotwin::twin::live {
 namespace {
