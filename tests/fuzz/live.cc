@@ -20,6 +20,7 @@
 
 #include <tribotwin/twin/live/commands.hpp>
 #include <tribotwin/twin/live/server.hpp>
+#include <tribotwin/twin/simulation/scenario_input.hpp>
 
 namespace {
 
@@ -126,6 +127,8 @@ std::string answer_to(std::string_view bytes) {
 Acts acts() {
   Acts all;
   add_events(all, *bench().server, 1, [](const YAML::Node& event) {
+    Mapping in("event", "", event);  // as read_event, which needs a model for the rest
+    if (event["type"].Scalar() == "marker") read_marker(in);
     require(!to_text(event).empty(), "an event without words");
     return true;
   });
