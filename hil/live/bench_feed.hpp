@@ -31,7 +31,7 @@ class BenchFeed {
 
   twin::live::Server& server_;
   bool recording_;
-  std::vector<std::string> joints_;
+  const std::vector<std::string> joints_;
   double time_s_ = 0;
   /// Heat of each joint since the start [J], over the last minute of simulated time.
   struct Heat {

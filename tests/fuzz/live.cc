@@ -20,13 +20,14 @@
 
 #include <tribotwin/twin/live/commands.hpp>
 #include <tribotwin/twin/live/server.hpp>
+#include <tribotwin/twin/simulation/scenario_input.hpp>
 
 namespace {
 
 using namespace tribotwin::twin;
 using namespace tribotwin::twin::live;
 
-long inside = 0, refused = 0, files = 0;
+long inside = 0, answered = 0, refused = 0, files = 0;
 std::optional<std::int64_t> left;  // of the run that is paused
 
 /// A bench that needs a token although it is on loopback.
@@ -73,35 +74,61 @@ HostileBench& bench() {
   return one;
 }
 
-/// A connection that sends `bytes`, says that it has no more, and hears the rest.
-std::string answer_to(std::string_view bytes) {
-  const int client = ::socket(AF_INET, SOCK_STREAM, 0);
-  const timeval patience{.tv_sec = 20, .tv_usec = 0};
-  ::setsockopt(client, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
-  const linger at_once{.l_onoff = 1, .l_linger = 0};  // no port waits
-  ::setsockopt(client, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
-  const sockaddr_in address{
-      .sin_family = AF_INET, .sin_port = htons(bench().port), .sin_addr = {htonl(INADDR_LOOPBACK)}, .sin_zero = {}};
-  require(::connect(client, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0, "nobody listens");
-  while (!bytes.empty()) {
-    const ssize_t sent = ::send(client, bytes.data(), bytes.size(), MSG_NOSIGNAL);
-    if (sent <= 0) break;  // refused before the end
-    bytes.remove_prefix(static_cast<std::size_t>(sent));
+/// A connection to the bench.
+class Stranger {
+ public:
+  Stranger() : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    const timeval patience{.tv_sec = 20, .tv_usec = 0};
+    ::setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    const linger at_once{.l_onoff = 1, .l_linger = 0};  // no port waits
+    ::setsockopt(socket_, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
+    const sockaddr_in address{
+        .sin_family = AF_INET, .sin_port = htons(bench().port), .sin_addr = {htonl(INADDR_LOOPBACK)}, .sin_zero = {}};
+    require(::connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0, "nobody listens");
   }
-  ::shutdown(client, SHUT_WR);
-  std::string all;
-  char part[4096];
-  ssize_t got;
-  while ((got = ::recv(client, part, sizeof part, 0)) > 0) all.append(part, static_cast<std::size_t>(got));
-  require(got == 0 || errno != EAGAIN, "the connection was not closed");
-  ::close(client);
-  return all;
+  Stranger(const Stranger&) = delete;
+  ~Stranger() { ::close(socket_); }
+
+  void send(std::string_view bytes) {
+    while (!bytes.empty()) {
+      const ssize_t sent = ::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+      if (sent <= 0) break;  // refused before the end
+      bytes.remove_prefix(static_cast<std::size_t>(sent));
+    }
+  }
+  /// Hears what comes up to this, or to the end.
+  std::string hear(std::string_view end) {
+    std::string all;
+    for (char byte; !all.ends_with(end) && ::recv(socket_, &byte, 1, 0) == 1;) all += byte;
+    return all;
+  }
+  /// Says that it has no more to say, and hears the rest.
+  std::string rest() {
+    ::shutdown(socket_, SHUT_WR);
+    std::string all;
+    char part[4096];
+    ssize_t got;
+    while ((got = ::recv(socket_, part, sizeof part, 0)) > 0) all.append(part, static_cast<std::size_t>(got));
+    require(got == 0 || errno != EAGAIN, "the connection was not closed");
+    return all;
+  }
+
+ private:
+  int socket_;
+};
+
+std::string answer_to(std::string_view bytes) {
+  Stranger stranger;
+  stranger.send(bytes);
+  return stranger.rest();
 }
 
 /// The commands of `run` and `drive` are read as they read them; what they say happens or is refused.
 Acts acts() {
   Acts all;
   add_events(all, *bench().server, 1, [](const YAML::Node& event) {
+    Mapping in("event", "", event);  // as read_event, which needs a model for the rest
+    if (event["type"].Scalar() == "marker") read_marker(in);
     require(!to_text(event).empty(), "an event without words");
     return true;
   });
@@ -134,14 +161,17 @@ void check_request(std::string_view bytes) {
   refused += !answer.empty();
 }
 
-/// A viewer with the token and these bytes behind its request.
+/// A viewer with the token, and these bytes once it is one: what comes before is not read as frames.
 void check_viewer(std::string_view bytes) {
-  const std::string answer =
-      answer_to(upgrade_of("Cookie: tribotwin_" + std::to_string(bench().port) + "=" + bench().token + "\r\n") +
-                std::string(bytes));
-  // An answer may be lost with the connection; there is no other one.
-  require(answer.empty() || answer.starts_with("HTTP/1.1 101"), "a viewer was refused");
-  inside += !answer.empty();
+  Stranger viewer;
+  viewer.send(upgrade_of("Cookie: tribotwin_" + std::to_string(bench().port) + "=" + bench().token + "\r\n"));
+  const std::string head = viewer.hear("\r\n\r\n");
+  require(head.starts_with("HTTP/1.1 101"), "a viewer was refused");
+  ++inside;
+  viewer.send(bytes);
+  const std::string answer = viewer.rest();
+  // An answer may be lost with the connection.
+  answered += answer.find(R"("type":"done")") != answer.npos;
 }
 
 class HostileInput {
@@ -328,7 +358,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       answer_to(fmt::format("GET /?token={} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", bench().token, bench().port));
   require(page.starts_with("HTTP/1.1 200"), "the bench serves no more");
   check_files();
-  std::printf("%ld inputs with seed %llu: %ld strangers refused, %ld viewers, %ld files\n", count,
-              static_cast<unsigned long long>(seed), refused, inside, files);
-  return count < 100 || (inside > 0 && refused > 0) ? 0 : 1;
+  std::printf("%ld inputs with seed %llu: %ld strangers refused, %ld viewers, %ld answered, %ld files\n", count,
+              static_cast<unsigned long long>(seed), refused, inside, answered, files);
+  return count < 10'000 || (inside > 0 && answered > 0 && refused > 0 && files > 0) ? 0 : 1;
 }

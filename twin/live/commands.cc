@@ -1,7 +1,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/live/commands.hpp>
-#include <tribotwin/twin/simulation/marker.hpp>
+#include <tribotwin/twin/simulation/scenario_input.hpp>
 
 namespace tribotwin::twin::live {
 namespace {
@@ -123,7 +123,7 @@ void obey(Server& server, double time_s, const Acts& acts) {
     Done done{command->viewer, command->id, true, {}};
     try {
       done.text = answer(server, *command, time_s, acts);
-    } catch (const InputError& error) {
+    } catch (const std::runtime_error& error) {  // InputError, or what the YAML library says: no page ends a program
       done.ok = false;
       done.text = error.what();
     }

@@ -190,7 +190,7 @@ void RowFiles::obey(const Command& command) {
       record(command, keys);
     else
       export_rows(command, keys);
-  } catch (const InputError& error) {
+  } catch (const std::runtime_error& error) {  // also where no thread can be had
     ways_.done({command.viewer, command.id, false, error.what()});
   }
 }
@@ -250,8 +250,8 @@ void RowFiles::export_rows(const Command& command, Mapping& keys) {
   LiveFile file = or_wrong_input(
       LiveFile::create(options_.folder, time_s_, format, recording_ ? recording_->so_far().name : std::string()));
   const std::string name = file.name();
-  exporting_ = std::make_unique<Export>(Export{std::move(file), name, memory_.last(60 * minutes), command, minutes});
-  exporting_->thread = std::thread([this, format, messages, &one = *exporting_] {
+  auto begun = std::make_unique<Export>(Export{std::move(file), name, memory_.last(60 * minutes), command, minutes});
+  begun->thread = std::thread([this, format, messages, &one = *begun] {
     one.written = format == "h5" ? write_hdf5(one.file, options_.head, one.rows)
                                  : write_mcap(one.file, options_.head, messages, one.rows);
     if (one.written) one.written = one.file.publish();
@@ -259,6 +259,7 @@ void RowFiles::export_rows(const Command& command, Mapping& keys) {
     if (!one.written) one.file.discard();
     ways_.post([this] { exported(); });
   });
+  exporting_ = std::move(begun);
 }
 
 void RowFiles::exported() {

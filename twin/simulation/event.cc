@@ -6,7 +6,7 @@
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/twin/simulation/event.hpp>
-#include <tribotwin/twin/simulation/marker.hpp>
+#include <tribotwin/twin/simulation/scenario_input.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -45,6 +45,14 @@ constexpr std::pair<std::string_view, void (*)(Mapping&, const mujoco::Model&, d
 };
 
 }  // namespace
+
+std::string read_marker(Mapping& in) {
+  constexpr std::size_t longest = 200;
+  std::string text = in.text("text");
+  if (text.size() > longest)
+    in.fail("text", fmt::format("is {} bytes long, but at most {} are kept", text.size(), longest));
+  return text;
+}
 
 Event read_event(Mapping in, const mujoco::Model& model, double duration_s) {
   Event event;
