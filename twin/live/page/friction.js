@@ -12,7 +12,8 @@ export class Friction {
     this.canvas = byId('friction_canvas');
     const said = this.said = { law: element('span'), temperature: number('law_degC'), load: number('law_load'),
       points: element('span') };
-    said.where = element('span', {}, said.temperature, ' and load ', said.load, ' of the largest torque, dashes: backwards. ');
+    said.where = element('span', {}, said.temperature, ' and load ', said.load,
+      ' of the largest torque, dashes: backwards. ');
     byId('friction_text').replaceChildren(said.law, said.where, said.points);
     const select = byId('watched');
     const options = hello.joints.map(({ name }) => element('option', { value: name, textContent: name }));

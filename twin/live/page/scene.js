@@ -140,8 +140,8 @@ export class Scene {
   label(joint) {
     const text = { before: element('span'), degC: number('temperature_degC'), after: element('span') };
     const line = drawing('line');
-    const box = element('button', { type: 'button', className: 'scene_label', 'data-joint': joint, hidden: true, tabIndex: -1,
-      onclick: () => this.choose(joint) }, ...Object.values(text));
+    const box = element('button', { type: 'button', className: 'scene_label', 'data-joint': joint, hidden: true,
+      tabIndex: -1, onclick: () => this.choose(joint) }, ...Object.values(text));
     byId('scene_labels').append(box);
     byId('scene_lines').append(line);
     this.labels.set(joint, { box, text, line });

@@ -99,7 +99,8 @@ class Tile {
     const bus = drive && drive.state !== null && drive.state !== undefined;
     setText(this.state, bus ? words(drive.state) : residual ? 'listened to on a bus' : 'simulated, not on a bus');
     const [mode, modeWords] = modeText(drive?.mode);
-    setText(this.network, bus ? `NMT ${words(drive.nmt)} · ${mode} · ${busName(drive, buses)}node\u00a0${drive.node}` : '');
+    const place = bus ? `${busName(drive, buses)}node\u00a0${drive.node}` : '';
+    setText(this.network, bus ? `NMT ${words(drive.nmt)} · ${mode} · ${place}` : '');
     this.network.title = bus ? modeWords : '';
     this.fault.hidden = wrong.length === 0;
     setText(this.fault, wrong.length ? '✖ ' + wrong.join('; ') : '');

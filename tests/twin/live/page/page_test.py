@@ -324,7 +324,8 @@ def check_keyboard(tab, bench):
     tab.value("document.activeElement.blur()")
     reached = tab.value(
         "[...document.querySelectorAll('a[href], button, select, input, summary, [tabindex]')]"
-        ".filter(e => e.offsetParent && e.tabIndex < 0 && !e.matches('.tile, .scene_label, #drives')).map(e => e.outerHTML)"
+        ".filter(e => e.offsetParent && e.tabIndex < 0 && !e.matches('.tile, .scene_label, #drives'))"
+        ".map(e => e.outerHTML)"
     )
     check("every control is reached by Tab", reached == [], reached)
 

@@ -124,7 +124,8 @@ def check_record(tab):
     times = {e.pop("time_s") for e in events}
     check("scenario.yaml has all that was pressed", events == RECORDED, events)
     check("it happened while the run stood", len(times) == 1, times)
-    listed = tab.value("[...document.querySelectorAll('#event_list li')].filter(l => !l.innerText.includes('note')).reverse().map(l => [l.children[0].title, "
+    listed = tab.value("[...document.querySelectorAll('#event_list li')].filter(l => !l.innerText.includes('note'))"
+                       ".reverse().map(l => [l.children[0].title, "
                        "l.children[1].textContent, l.children[2].textContent])")  # fmt: skip
     said = [row[2] for row in listed]
     warm = f"ambient, temperature_degC {RECORDED[0]['temperature_degC']!r}"

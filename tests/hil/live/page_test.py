@@ -4,12 +4,12 @@ import csv, os, re, signal, subprocess, sys, threading
 from urllib.parse import unquote
 
 from harness import check, content, finish, path, run, work
-from session import Movement, hold_scenario
 from web_viewer import PATIENCE_S, watch, web_address
 
 hil, source = sys.argv[1:]
-sys.path.insert(0, os.path.join(source, "tests", "twin", "live", "page"))
+sys.path[:0] = [os.path.join(source, "tests", "twin", "live", "page"), os.path.join(source, "tests", "hil")]
 import devtools, shown
+from session import Movement, hold_scenario
 
 scenario = hold_scenario(source)
 address, gateway = "socketcand://127.0.0.1:29663/can0", "gateway://127.0.0.1:29663/can0"
@@ -155,7 +155,7 @@ def press_every_fault(tab):
     check("the page has every kind of fault", kinds == list(EVERY), kinds)
     for kind, typed in EVERY.items():
         choose = {"kind": kind} | ({} if kind in WHOLE_BUS else {"joint": "" if kind in ALL_DRIVES else "joint6"})
-        answer = shown.press(tab, "fault", choose, duration_s="0.05", **typed)
+        answer = shown.press(tab, "fault", choose, duration_s="0.012", **typed)
         check(f"{kind} begins", answer[0] == "done", answer)
         # It lasts for simulated time, which stands while the master waits for what the fault took away.
         row = tab.value(ROW)
@@ -174,7 +174,7 @@ def check_session_file(tab):
     missing = [w for w in ("text: here", "-12.5", "7.25", "Fc0: 1.5", "backlash") if not any(w in e for e in events)]
     check("and what happened to the robot", len(events) == 5 and not missing, (events, missing))
     listed = tab.value("[...document.querySelectorAll('#event_list li')].reverse().map(l => l.innerText)")
-    kinds = [k for line in listed for k in re.findall(r"(\w+) for 0\.05 s", line)]
+    kinds = [k for line in listed for k in re.findall(r"(\w+) for 0\.012 s", line)]
     check("the page lists every fault", kinds == list(EVERY), listed)
     again = run(hil, "replay", scenario, "moved.log", "--fast", *rate, "-o", "again", "--cycle", "4")
     check("a replay repeats all", ": 0 differ, 0 missing, 0 added" in again.stdout, again.stdout + again.stderr)
