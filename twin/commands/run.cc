@@ -295,7 +295,7 @@ Result<Outcome> run_all(const Arguments& a, const std::vector<Variation>& all, c
                       return unfinished.keep(all[i].folder, report);
                     },
                     // Wrong input is not tried again: what the folder holds then is of an attempt before.
-                    .input = [&](std::size_t i, const auto&) { return std::string(attempts[i]++ ? again : ""); },
+                    .input = [&](std::size_t i) { return std::string(attempts[i]++ ? again : ""); },
                     .meanwhile = [&] { progress.show(); }};
   auto outcome =
       carry_out(tasks, {.threads = a.realtime ? 1 : a.threads, .retries = a.retries, .stop = &interrupted()});
