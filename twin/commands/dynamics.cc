@@ -4,7 +4,6 @@
 #include <iterator>
 #include <limits>
 #include <memory>
-#include <thread>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -25,6 +24,7 @@
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/coupling/coupling.hpp>
 
@@ -42,7 +42,7 @@ struct Arguments {
   std::vector<std::string> data, coupling, payloads, position_torque;
   std::vector<std::string> lag;  // empty: none, or what --friction auto finds
   Preparation preparation;
-  unsigned threads = std::max(1u, std::thread::hardware_concurrency());
+  unsigned threads = threads_of(0);
   std::optional<double> prior_percent;
   bool no_rotor_inertia = false, json = false, quiet = false, essential = false, unweighted = false, no_offset = false,
        asymmetry = false, drive_gains = false, iv = false;

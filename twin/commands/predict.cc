@@ -3,7 +3,6 @@
 #include <iterator>
 #include <limits>
 #include <memory>
-#include <thread>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -17,6 +16,7 @@
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::program {
@@ -36,7 +36,7 @@ struct Arguments {
   std::vector<double> window_s;    ///< none, or first and last time whose errors count
   std::vector<double> start_degC;  ///< none, one for all joints, or one each
   Preparation preparation;
-  unsigned threads = std::max(1u, std::thread::hardware_concurrency());
+  unsigned threads = threads_of(0);
   bool json = false, quiet = false;
 };
 

@@ -129,6 +129,17 @@ def processes_of(job):
     return {rank: int(pid) for pid, rank in found.items() if parents[pid] not in found}
 
 
+# --dry-run foretells for the ranks that were asked for, else for those of the job.
+for more, ranks, threads in (((), 3, 1), (("--ranks", 8), 8, 1), (("--ranks", 1), 1, os.cpu_count())):
+    said = json.loads(on_ranks(3, "sweep", "sweep.yaml", "--dry-run", "--json", *more).stdout)
+    foretold = said["seconds"] / said["seconds_of_one"]
+    check(
+        "--dry-run %s on three ranks" % " ".join(map(str, more)),
+        (said["ranks"], said["threads"]) == (ranks, threads) and abs(foretold - -(-40 // (ranks * threads))) < 1e-6,
+        said,
+    )
+
+
 # One search alone is work for all: the points of a generation, and where there are fewer of them, their recordings.
 def parents():
     """Parent by process, of all."""
