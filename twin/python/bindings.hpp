@@ -57,6 +57,7 @@ void bind_laws(py::module_& m);
 void bind_drives(py::module_& m);
 void bind_twins(py::module_& m);
 void bind_records(py::module_& m);
+void bind_experiments(py::module_& m);
 void bind_identification(py::module_& m);
 void bind_diagnosis(py::module_& m);
 

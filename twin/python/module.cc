@@ -77,7 +77,8 @@ PYBIND11_MODULE(_tribotwin, m) {
   error_class = PyErr_NewExceptionWithDoc("tribotwin.Error", about_error, nullptr, nullptr);
   m.attr("Error") = py::reinterpret_borrow<py::object>(error_class);
   py::register_exception_translator(translate);
-  for (const auto bind : {bind_laws, bind_drives, bind_records, bind_twins, bind_identification, bind_diagnosis})
+  for (const auto bind :
+       {bind_laws, bind_drives, bind_records, bind_twins, bind_experiments, bind_identification, bind_diagnosis})
     bind(m);
 }
 

@@ -278,6 +278,30 @@ class Fits(unittest.TestCase):
         self.assertTrue(any("1 rows" in note for note in fit.notes))
 
 
+class Experiments(unittest.TestCase):
+    def test_a_measured_curve_is_that_of_the_law(self):
+        keys = tribotwin.drive_keys("mjcf/irb6620.xml")["joint2"]
+        drive = tribotwin.Drive(keys)
+        speed = np.array([20.0, 80.0, 200.0])
+        curve = tribotwin.measure_curve("mjcf/irb6620.xml", "joint2", speed, load_norm=0.2, temperature_degC=50)
+        np.testing.assert_allclose(curve["speed_rad_s"], speed, rtol=1e-3)
+        expected = drive.law(curve["speed_rad_s"], curve["load_norm"], curve["temperature_degC"])
+        np.testing.assert_allclose(curve["friction_norm"], expected, rtol=5e-3)
+        noisy = tribotwin.measure_curve("mjcf/irb6620.xml", "joint2", speed, noise_nm=20, seed=3)
+        self.assertTrue((noisy["stderr_norm"] > 0).all())
+        self.assertEqual(tribotwin.Drive(drive.keys).keys, drive.keys)
+
+    def test_wrong_measurements(self):
+        with refused(self, "other than 0"):
+            tribotwin.measure_curve("mjcf/irb6620.xml", "joint2", [0.0])
+        with refused(self, "joint9"):
+            tribotwin.measure_curve("mjcf/irb6620.xml", "joint9", [1.0])
+        with refused(self, "load_by is 'weight'"):
+            tribotwin.measure_curve("mjcf/irb6620.xml", "joint2", [1.0], load_by="weight")
+        with refused(self, "nowhere.xml"):
+            tribotwin.drive_keys("nowhere.xml")
+
+
 class Documentation(unittest.TestCase):
     def stub(self):
         tree = ast.parse((source / "twin/python/tribotwin/__init__.pyi").read_text())

@@ -358,6 +358,18 @@ def run(
     force: bool = False,
     progress: Optional[Callable[[float], Any]] = None,
 ) -> Dict[str, Any]: ...
+def drive_keys(model: Path) -> Dict[str, Dict[str, str]]: ...
+def measure_curve(
+    model: Path,
+    joint: str,
+    speed_rad_s: ArrayLike,
+    *,
+    load_norm: float = 0.0,
+    temperature_degC: float = 50.0,
+    load_by: str = 'torque',
+    noise_nm: float = 0.0,
+    seed: int = 1,
+) -> Dict[str, Array]: ...
 def identify(
     law: str,
     *,
