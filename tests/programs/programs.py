@@ -222,6 +222,12 @@ commands = [
             stream="joint.xml",
         ),
         Command(
+            "export --c",
+            ("tribotwin", "export", "{in}/params.yaml", "--c", "joint.c", "--tau-max", "1", "--gear-ratio", "100"),
+            ("joint.c",),
+            stream="joint.c",
+        ),
+        Command(
             "add-drives", ("tribotwin", "add-drives", "{in}/bare.xml", "-o", "robot.xml"), ("robot.xml", "robot.yaml")
         ),
         Command("recover", ("tribotwin", "recover", "killed"), given=("killed",)),

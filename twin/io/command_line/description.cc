@@ -32,6 +32,7 @@ constexpr std::pair<const char*, const char*> placeholders[] = {
     {"--thermal", "FILE"},     {"--wrench", "FILE"},
     {"--color", "WHEN"},       {"--payload", "FILE=KNOWN"},
     {"--web", "ADDRESS:PORT"}, {"--web-folder", "DIR"},
+    {"--c", "FILE"},
 };
 
 }  // namespace
