@@ -242,8 +242,9 @@ def check_files(tab, bench):
     bench.messages.clear()
     form = "document.querySelector('form[data-do=record]')"
     check("nothing is recorded at first", tab.value(f"{form}.innerText").endswith("No page records."))
-    bench.also = {"export": {"message": "live-0012.5s.h5: 1200 rows, 0.375 of 2.5 min asked for", "file": {"name": "live-0012.5s.h5",
-                  "rows": 1200, "lost_rows": 0, "from_s": 0.1, "to_s": 1.3, "minutes": 0.375}}}  # fmt: skip
+    exported = {"name": "live-0012.5s.h5", "rows": 1200, "lost_rows": 0, "from_s": 0.1, "to_s": 1.3, "minutes": 0.375}
+    message = "live-0012.5s.h5: 1200 rows, 0.375 of 2.5 min asked for"
+    bench.also = {"export": {"message": message, "file": exported}}
     shown.press(tab, "record", {"messages": "json"})
     file = {"name": "live-0001.5s.mcap", "rows": 12345, "lost_rows": 0, "from_s": 1.5, "to_s": 13.845,
             "minutes": 0.20575}  # fmt: skip
