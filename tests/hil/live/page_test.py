@@ -1,6 +1,6 @@
 """The page of `tribotwin-hil drive`, `replay` and `shadow` with --web in chromium: its numbers are those of
 telemetry.h5, of the statuses and of the CSV, its faults those of the record. Arguments: tribotwin-hil, source tree."""
-import csv, os, re, signal, subprocess, sys, threading
+import csv, os, re, signal, socket, subprocess, sys, threading
 from urllib.parse import unquote
 
 from harness import check, content, finish, path, run, work
@@ -39,6 +39,15 @@ def begin(name, *command):
         raise
 
 
+def listens():
+    """Whether the drives' bus can be reached."""
+    try:
+        socket.create_connection(("127.0.0.1", int(re.search(r":(\d+)/", address)[1]))).close()
+    except ConnectionRefusedError:
+        return False
+    return True
+
+
 class Wire(threading.Thread):
     """All that another viewer gets, to the end."""
 
@@ -54,9 +63,10 @@ class Wire(threading.Thread):
         return {(s["simulated_s"], s["wall_s"]): s for s in self.texts["status"]}
 
 
-def open_page(tab, where):
+def open_page(tab, name, where):
     tab.go("http://{}:{}/".format(*where))
-    check("the page is connected", tab.until("document.body.dataset.link === 'up'", PATIENCE_S))
+    connected = tab.until("document.body.dataset.link === 'up'", PATIENCE_S)
+    check(f"{name}: the page is connected", connected, content(name + ".log"))
     check("rows come", tab.until(f"{ROW} > 0", PATIENCE_S))
 
 
@@ -186,7 +196,7 @@ def test_drive(tab):
     movement, wire, looks = Movement(address, nodes), Wire(where), []
     try:
         movement.start()
-        open_page(tab, where)
+        open_page(tab, "drive", where)
         check("the drives are enabled", movement.enabled.wait(PATIENCE_S))
         enabled = "[...document.querySelectorAll('.tile .state')].every(s => s.textContent === 'operation enabled')"
         check("the page says so", tab.until(enabled, PATIENCE_S))
@@ -219,7 +229,7 @@ def test_replay(tab):
     process, where = begin("replay", "replay", scenario, "moved.log", *rate, "-o", "replay", "--cycle", "4")
     wire, looks = Wire(where), []
     try:
-        open_page(tab, where)
+        open_page(tab, "replay", where)
         for _ in range(5):
             look(tab, looks)
         answer = shown.press(tab, "marker", text="seen again")
@@ -236,14 +246,15 @@ def test_replay(tab):
 
 
 def test_shadow(tab):
-    """Of the record at full speed: what is shown in the end is the last line of the CSV, in its digits."""
+    """Beside drives that move: what is shown is the line of the CSV of the same row, in its digits."""
     drive = subprocess.Popen([hil, "drive", scenario, "--can", address, "--quiet", "--cycle", "4", *rate], cwd=work)
+    devtools.Browser.until(listens, PATIENCE_S)
     process, where = begin("shadow", "shadow", scenario, "--can", gateway, "--csv", "shadow.csv", "--limit", "1e-3",
                            "--limit-time", "0.1", "--joint", "joint2", "--lockstep", "--cycle", "4")  # fmt: skip
     movement, wire, looks = Movement(address, nodes), Wire(where), []
     try:
         movement.start()
-        open_page(tab, where)
+        open_page(tab, "shadow", where)
         exceeded = "document.querySelector('#wrong_list').innerText.includes('joint2 the residual has exceeded')"
         check("shadow: an exceeded residual is what is wrong", tab.until(exceeded, PATIENCE_S))
         for _ in range(5):
