@@ -8,7 +8,7 @@ import numpy
 
 from harness import check, check_refused, content, finish, path, run, work
 from session import Movement, hold_scenario
-from web_viewer import PATIENCE_S, compare, watch, web_address
+from web_viewer import PATIENCE_S, begin_web, compare, watch
 
 hil, source = sys.argv[1:]
 scenario = hold_scenario(source)
@@ -17,18 +17,6 @@ nodes = range(1, 7)
 rate = ("--set", "telemetry_rate_hz=500")
 MARK = ({"type": "watch", "joint": "joint1"}, {"type": "command", "id": 1, "do": "marker", "text": "here"},
         {"type": "command", "id": 2, "do": "pause"})  # fmt: skip
-
-
-def begin(name, *command):
-    """The process with a page, and where that is."""
-    with open(path(name + ".log"), "w") as log:
-        process = subprocess.Popen([hil, *command, "--web", "127.0.0.1:0"], cwd=work, stderr=log,
-                                   stdout=open(path(name + ".out"), "w"))  # fmt: skip
-    try:
-        return process, web_address(path(name + ".log"))
-    except RuntimeError:
-        process.kill()
-        raise
 
 
 def check_answers(name, texts):
@@ -41,7 +29,9 @@ def check_answers(name, texts):
 
 def test_replay():
     """The record of the last drive, at its own speed and as fast as possible."""
-    process, where = begin("replay", "replay", scenario, "moved.log", *rate, "-o", "replay", "--force", "--cycle", "4")
+    process, where = begin_web(
+        hil, "replay", "replay", scenario, "moved.log", *rate, "-o", "replay", "--force", "--cycle", "4"
+    )
     texts, numbers, rows, end = watch(*where, *MARK)
     code = process.wait(PATIENCE_S)
     check("replay: ends well, and says good bye", (code, end) == (0, 1001), (end, content("replay.log")))
@@ -107,8 +97,8 @@ class Held:
 
 def test_drive_is_held():
     """In lockstep: the drives answer each SYNC, the robot stands, and a replay has the same frames and numbers."""
-    process, where = begin("held", "drive", scenario, "--can", address, "--quiet", "--record", "held_bus.log",
-                           "-o", "held", "--cycle", "4", *rate, "--duration", "4")  # fmt: skip
+    process, where = begin_web(hil, "held", "drive", scenario, "--can", address, "--quiet", "--record",
+                               "held_bus.log", "-o", "held", "--cycle", "4", *rate, "--duration", "4")  # fmt: skip
     movement = Movement(address, nodes, odd_sync=50)
     movement.start()
     held = Held(movement)
@@ -145,9 +135,9 @@ def test_shadow():
     drive = subprocess.Popen([hil, "drive", scenario, "--can", address, "--quiet", "--record", "moved.log",
                               "--cycle", "4", *rate], cwd=work)  # fmt: skip
     time.sleep(1)
-    process, where = begin("shadow", "shadow", scenario, "--can", gateway, "--csv", "shadow.csv", "--limit", "1e-3",
-                           "--limit-time", "0.1", "--joint", "joint2", "--lockstep", "--cycle", "4",
-                           "--duration", "8")  # fmt: skip
+    process, where = begin_web(hil, "shadow", "shadow", scenario, "--can", gateway, "--csv", "shadow.csv",
+                               "--limit", "1e-3", "--limit-time", "0.1", "--joint", "joint2", "--lockstep", "--cycle",
+                               "4", "--duration", "8")  # fmt: skip
     movement = Movement(address, nodes)  # after the shadow, which must hear how the torque is mapped
     movement.start()
     texts, numbers, rows, end = watch(*where, *MARK)

@@ -41,7 +41,6 @@ class RowRecording {
 
  private:
   void work();
-  Result<void> write(std::span<const double> rows);
   LiveFile file_;
   const TelemetryOptions& head_;
   const McapMessages messages_;

@@ -4,7 +4,7 @@ import csv, os, re, signal, socket, subprocess, sys, threading
 from urllib.parse import unquote
 
 from harness import check, content, finish, path, run, work
-from web_viewer import PATIENCE_S, watch, web_address
+from web_viewer import PATIENCE_S, begin_web, watch
 
 hil, source = sys.argv[1:]
 sys.path[:0] = [os.path.join(source, "tests", "twin", "live", "page"), os.path.join(source, "tests", "hil")]
@@ -25,18 +25,6 @@ EVERY = {
 }  # fmt: skip
 ALL_DRIVES = ("drop", "delay", "corrupt", "duplicate")
 WHOLE_BUS = ("bus_off", "link_down")
-
-
-def begin(name, *command):
-    """The process with a page, and where that is."""
-    with open(path(name + ".log"), "w") as log:
-        process = subprocess.Popen([hil, *command, "--web", "127.0.0.1:0"], cwd=work, stderr=log,
-                                   stdout=open(path(name + ".out"), "w"))  # fmt: skip
-    try:
-        return process, web_address(path(name + ".log"))
-    except RuntimeError:
-        process.kill()
-        raise
 
 
 def listens():
@@ -191,8 +179,8 @@ def check_session_file(tab):
 
 
 def test_drive(tab):
-    process, where = begin("drive", "drive", scenario, "--can", address, "--quiet", "--record", "moved.log", "-o",
-                           "drive", "--cycle", "4", *rate)  # fmt: skip
+    process, where = begin_web(hil, "drive", "drive", scenario, "--can", address, "--quiet", "--record",
+                               "moved.log", "-o", "drive", "--cycle", "4", *rate)  # fmt: skip
     movement, wire, looks = Movement(address, nodes), Wire(where), []
     try:
         movement.start()
@@ -226,7 +214,7 @@ def test_drive(tab):
 
 
 def test_replay(tab):
-    process, where = begin("replay", "replay", scenario, "moved.log", *rate, "-o", "replay", "--cycle", "4")
+    process, where = begin_web(hil, "replay", "replay", scenario, "moved.log", *rate, "-o", "replay", "--cycle", "4")
     wire, looks = Wire(where), []
     try:
         open_page(tab, "replay", where)
@@ -249,8 +237,9 @@ def test_shadow(tab):
     """Beside drives that move: what is shown is the line of the CSV of the same row, in its digits."""
     drive = subprocess.Popen([hil, "drive", scenario, "--can", address, "--quiet", "--cycle", "4", *rate], cwd=work)
     devtools.Browser.until(listens, PATIENCE_S)
-    process, where = begin("shadow", "shadow", scenario, "--can", gateway, "--csv", "shadow.csv", "--limit", "1e-3",
-                           "--limit-time", "0.1", "--joint", "joint2", "--lockstep", "--cycle", "4")  # fmt: skip
+    process, where = begin_web(hil, "shadow", "shadow", scenario, "--can", gateway, "--csv", "shadow.csv",
+                               "--limit", "1e-3", "--limit-time", "0.1", "--joint", "joint2", "--lockstep", "--cycle",
+                               "4")  # fmt: skip
     movement, wire, looks = Movement(address, nodes), Wire(where), []
     try:
         movement.start()

@@ -1,5 +1,4 @@
 // What pages record and export: files of a server with rows that have random bits.
-#include <csignal>
 #include <fstream>
 #include <random>
 #include <thread>
@@ -7,8 +6,8 @@
 #include "client.hpp"
 #include <gmock/gmock.h>
 #include <nlohmann/json.hpp>
-#include <sys/resource.h>
 
+#include <tribotwin/tests/small_disk.hpp>
 #include <tribotwin/twin/io/mcap/joint_states.hpp>
 #include <tribotwin/twin/live/row_memory.hpp>
 
@@ -60,21 +59,6 @@ TEST(RowMemory, HoldsTheLastRowsInABoundedMemory) {
   std::size_t count = 0;
   EXPECT_FALSE(rows.each([&](std::span<const double> row) { return ++count < 7 && row[0] == rows.first_s() + 0; }));
 }
-
-/// Limits the size of files, as a full disk does, for the life of the object.
-class SmallDisk {
- public:
-  explicit SmallDisk(rlim_t bytes) {
-    std::signal(SIGXFSZ, SIG_IGN);
-    getrlimit(RLIMIT_FSIZE, &before_);
-    const rlimit limit{bytes, before_.rlim_max};
-    setrlimit(RLIMIT_FSIZE, &limit);
-  }
-  ~SmallDisk() { setrlimit(RLIMIT_FSIZE, &before_); }
-
- private:
-  rlimit before_{};
-};
 
 class RowFiles : public testing::Test {
  protected:
