@@ -107,17 +107,10 @@ BusStatus status_of(const SessionStatus& session, std::size_t i) {
           .sync_to_tpdo = bus.sync ? spread_of(bus.sync->latency()) : std::nullopt};
 }
 
-std::vector<std::string> joints_of(const twin::Scenario& scenario) {
-  std::vector<std::string> joints;
-  for (const auto& binding : scenario.model->drives())
-    joints.push_back(twin::joint_name(scenario.model->get(), binding));
-  return joints;
-}
-
 }  // namespace
 
 BenchFeed::BenchFeed(twin::live::Server& server, const twin::Scenario& scenario, bool recording)
-    : server_(server), recording_(recording), joints_(joints_of(scenario)) {}
+    : server_(server), recording_(recording), joints_(twin::joint_names(*scenario.model)) {}
 
 void BenchFeed::status(const SessionStatus& session) {
   twin::live::Status status{.simulated_s = session.simulated_s, .wall_s = session.wall_s, .recording = recording_};

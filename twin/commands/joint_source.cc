@@ -19,8 +19,7 @@ drive::Drive of_model(const JointSource& source) {
   const auto model = mujoco::load_file(given_or_shipped(source.file, ".xml"));
   if (!model) throw InputError(model.error().message);
   const auto drives = (*model)->drives();
-  std::vector<std::string> joints;
-  for (const auto& drive : drives) joints.push_back(joint_name((*model)->get(), drive));
+  const std::vector<std::string> joints = joint_names(**model);
   if (source.torque_max_nm > 0 || source.gear_ratio > 0)
     throw InputError(
         fmt::format("{}: --tau-max and --gear-ratio belong to PARAMS.yaml; a model has its own", source.file));

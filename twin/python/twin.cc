@@ -12,6 +12,7 @@
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/python/bindings.hpp>
 #include <tribotwin/twin/python/hdf5_lock.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/simulation/channels.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
 
@@ -64,7 +65,6 @@ struct PythonTwin {
 
   std::size_t drives() const { return twin->model().drives().size(); }
   const mujoco::Binding& binding(std::size_t i) const { return twin->model().drives()[i]; }
-  std::string joint(std::size_t i) const { return twin::joint_name(twin->model().get(), binding(i)); }
 };
 
 std::vector<std::string> settings_of(const py::object& settings) {
@@ -173,8 +173,7 @@ std::size_t joint_index(const PythonTwin& p, const py::object& joint) {
       throw Failure(fmt::format("joint {} does not exist; the joints are 0 .. {}", i, p.drives() - 1));
     return static_cast<std::size_t>(i);
   }
-  std::vector<std::string> names;
-  for (std::size_t i = 0; i < p.drives(); ++i) names.push_back(p.joint(i));
+  const std::vector<std::string> names = twin::joint_names(p.twin->model());
   const std::string name = py::str(joint);
   const auto found = std::ranges::find(names, name);
   if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
@@ -238,12 +237,12 @@ py::object telemetry(const PythonTwin& p) {
                                    {"engine_version", mj_versionString()},
                                    {"scenario", p.twin->scenario().name},
                                    {"seed", std::to_string(p.twin->scenario().seed)}},
+                    .joints = twin::joint_names(p.twin->model()),
                     .channels = twin::channels(p.twin->model()),
                     .time_s = p.time_s,
                     .values = p.values};
   for (std::size_t i = 0; i < p.drives(); ++i) {
     const auto& drive = p.binding(i).drive;
-    r.joints.push_back(p.joint(i));
     r.units.push_back(twin::units(p.twin->model(), p.binding(i)));
     r.joint_attributes.push_back({{"gear_ratio", drive.gear_ratio}, {"torque_max_nm", drive.torque_max_nm}});
   }
@@ -355,12 +354,7 @@ void bind_properties(py::class_<PythonTwin>& c) {
       .def_property_readonly(
           "name", [](P p) { return p.twin->scenario().name; }, "Name of the scenario.")
       .def_property_readonly(
-          "joints",
-          [](P p) {
-            std::vector<std::string> names;
-            for (std::size_t i = 0; i < p.drives(); ++i) names.push_back(p.joint(i));
-            return names;
-          },
+          "joints", [](P p) { return twin::joint_names(p.twin->model()); },
           "Names of the joints with a drive, in the order of all arrays.")
       .def_property_readonly("telemetry", &telemetry,
                              "What telemetry.h5 would hold, of a twin with record=True: a Recording (a copy).")
