@@ -304,7 +304,10 @@ Result<void> write_failures(const std::filesystem::path& folder, const std::vect
     text += fmt::format("{},{},{},{}\n", of.find_first_of(",\"") == std::string::npos ? of : quoted(of), f.attempts,
                         quoted(f.error.message), quoted(input(f.task)));
   }
-  return write_file(file, text, Existing::replace);
+  return write_file(file, text, Existing::replace).map_error([&](Error error) {
+    error.message = fmt::format("{}; {}", text_of(failures, name), error.message);
+    return error;
+  });
 }
 
 }  // namespace tribotwin::twin

@@ -66,7 +66,8 @@ unsigned threads_of(unsigned wanted, int ranks = twin::ranks().size());
 /// The first failures in one sentence each: "NAME: MESSAGE (2 attempts)". `name`: of a task.
 std::string text_of(const std::vector<TaskFailure>& failures, const std::function<std::string(std::size_t)>& name);
 
-/// FOLDER/failures.csv: each task that failed, with its name and what it was made from; no such file where none has.
+/// FOLDER/failures.csv: each task that failed, with its name and what it was made from; no such file where none has. An
+/// error (a full disk) also says what has failed.
 Result<void> write_failures(const std::filesystem::path& folder, const std::vector<TaskFailure>& failures,
                             const std::function<std::string(std::size_t)>& name,
                             const std::function<std::string(std::size_t)>& input);
