@@ -75,6 +75,7 @@ DriveStatus status_of(const Bench& bench, std::size_t i) {
   DriveStatus status{
       .joint = bench.joints()[i], .bus = bench.bus_of(i), .state = drive.state_name(), .brake = drive.brake_engaged()};
   add_target(status, bench.plant().twin(), i);
+  status.reported_degC = bench.plant().imposed_degC(i);
   auto* node = dynamic_cast<Node*>(&drive);
   if (!node) return status;  // mirror frames have none of the rest
   status.node = node->id();

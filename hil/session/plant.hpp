@@ -55,6 +55,8 @@ class Plant {
   /// An injected fault begins or ends: the encoder keeps its last value, the drive reports another temperature, or the
   /// safety circuit takes the torque away.
   void impose(const DriveFault& fault);
+  /// What drive i reports instead of its temperature while a fault imposes it [degC].
+  std::optional<double> imposed_degC(std::size_t i) const { return override_degC_[i]; }
   /// Something happens now: an entry of a scenario's `events` without its time. The record has it too, in
   /// scenario.yaml. Throws twin::InputError, and then nothing happened.
   void happen(const YAML::Node& event);

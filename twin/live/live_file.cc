@@ -1,5 +1,7 @@
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <limits>
 #include <utility>
 
 #include <fmt/format.h>
@@ -23,6 +25,15 @@ void replace_all(std::string& text, const std::string& what, const std::string& 
 }
 
 }  // namespace
+
+std::uintmax_t room_for_pages(const fs::path& folder) {
+  constexpr std::uintmax_t most_reserved = 256 << 20;
+  std::error_code error;
+  const fs::space_info disk = fs::space(folder, error);
+  if (error) return std::numeric_limits<std::uintmax_t>::max();
+  const std::uintmax_t reserved = std::min(most_reserved, disk.capacity / 20);
+  return disk.available - std::min(disk.available, reserved);
+}
 
 LiveFile::LiveFile(fs::path folder, double time_s, std::string extension)
     : folder_(std::move(folder)), stem_(fmt::format("live-{:06.1f}s", time_s)), extension_(std::move(extension)) {}

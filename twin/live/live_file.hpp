@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -8,6 +9,10 @@
 #include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::twin::live {
+
+/// How many bytes pages may write into a folder [byte]: the rest of its disk is for the record of the program itself,
+/// 256 MiB or 5 % of a small disk. No limit where the disk does not say.
+std::uintmax_t room_for_pages(const std::filesystem::path& folder);
 
 /// A file that a live bench writes into its folder. Its name is chosen here and never comes from a page:
 /// live-0012.5s.mcap by the simulated time, or live-0012.5s-2.mcap where that is taken. It is there whole or not at

@@ -5,7 +5,6 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/twin/io/telemetry/mcap_rows.hpp>
 #include <tribotwin/twin/live/commands.hpp>
 #include <tribotwin/twin/live/row_files.hpp>
 
@@ -27,6 +26,13 @@ bool read_on(Mapping& keys) {
   if (!keys.has("on")) keys.fail("on", "is missing: true starts a recording, false ends it");
   return keys.flag_or("on", false);
 }
+
+std::size_t width_of(const TelemetryOptions& head) { return 1 + head.joints.size() * head.channels.size(); }
+
+/// How much of a disk such rows take at most: JSON has up to 25 characters for a number.
+std::uintmax_t bytes_of_rows(std::size_t values) { return 32 * values; }
+
+constexpr std::string_view reserve = "what is left of the disk is for the record of the program";
 
 /// "live-0012.5s.mcap: 100 rows, from 12.500 s to 12.599 s".
 std::string words_of(const RowFile& file) {
@@ -66,14 +72,15 @@ Result<void> write_hdf5(LiveFile& file, TelemetryOptions head, const RowMemory::
 
 }  // namespace
 
-RowRecording::RowRecording(LiveFile file, const TelemetryOptions& head, McapMessages messages,
+RowRecording::RowRecording(LiveFile file, const TelemetryOptions& head, McapMessages messages, Room room,
                            std::function<void(Result<void>)> ended)
     : file_(std::move(file)),
       head_(head),
       messages_(messages),
+      room_(std::move(room)),
       ended_(std::move(ended)),
       so_far_{.name = file_.name()},
-      width_(1 + head.joints.size() * head.channels.size()),
+      width_(width_of(head)),
       thread_([this] { work(); }) {}
 
 RowRecording::~RowRecording() {
@@ -83,6 +90,7 @@ RowRecording::~RowRecording() {
 
 RowFile RowRecording::final() {
   so_far_.name = file_.name();
+  if (out_of_room_) so_far_.rows = written_, so_far_.to_s = written_to_s_;
   return so_far_;
 }
 
@@ -135,13 +143,22 @@ void RowRecording::work() {
     waiting_.pop_front();
     waiting_values_ -= rows.size();
     lock.unlock();
-    for (std::size_t at = 0; written && at < rows.size(); at += width_)
-      written = mcap.write(rows[at], std::span(rows).subspan(at + 1, width_ - 1));
+    out_of_room_ = room_() < bytes_of_rows(rows.size());
+    if (out_of_room_) break;
+    written = write(mcap, rows);
   }
   if (written) written = mcap.finish();
   if (written) written = file_.publish();
   if (!written) file_.discard();
   ended_(written);
+}
+
+Result<void> RowRecording::write(McapRows& mcap, std::span<const double> rows) {
+  for (; !rows.empty(); rows = rows.subspan(width_)) {
+    if (auto ok = mcap.write(rows[0], rows.subspan(1, width_ - 1)); !ok) return ok;
+    ++written_, written_to_s_ = rows[0];
+  }
+  return {};
 }
 
 struct RowFiles::Export {
@@ -155,9 +172,7 @@ struct RowFiles::Export {
 };
 
 RowFiles::RowFiles(Options options, Ways ways)
-    : options_(std::move(options)),
-      ways_(std::move(ways)),
-      memory_(1 + options_.head.joints.size() * options_.head.channels.size(), options_.memory_bytes) {}
+    : options_(std::move(options)), ways_(std::move(ways)), memory_(width_of(options_.head), options_.memory_bytes) {}
 
 RowFiles::~RowFiles() {
   if (exporting_) exporting_->thread.join();
@@ -213,12 +228,13 @@ void RowFiles::record(const Command& command, Mapping& keys) {
 
 void RowFiles::begin_recording(const Command& command, McapMessages messages) {
   if (recording_) throw InputError(fmt::format("record: {} is recorded already", recording_->so_far().name));
+  if (options_.room() == 0) throw InputError(fmt::format("record: {}", reserve));
   LiveFile file =
       or_wrong_input(LiveFile::create(options_.folder, time_s_, "mcap", exporting_ ? exporting_->name : std::string()));
   const std::string name = file.name();
   failure_.clear();
   recording_ = std::make_unique<RowRecording>(
-      std::move(file), options_.head, messages,
+      std::move(file), options_.head, messages, options_.room,
       [this](const Result<void>& written) { ways_.post([this, written] { recorded(written); }); });
   ways_.done({command.viewer, command.id, true, "recording " + name, recording_->so_far()});
   tell_note("recording " + name);
@@ -226,15 +242,17 @@ void RowFiles::begin_recording(const Command& command, McapMessages messages) {
 
 void RowFiles::recorded(const Result<void>& written) {
   const RowFile file = recording_->final();
+  const bool early = recording_->out_of_room();
   recording_.reset();
-  const std::string words =
+  std::string words =
       written ? words_of(file)
               : fmt::format("{}; nothing is left of the recording of {} rows", written.error().message, file.rows);
+  if (written && early) words += fmt::format("; it ended there, as {}", reserve);
   tell_note((written ? "recorded " : "") + words);
   if (stopped_by_) {
     ways_.done({stopped_by_->viewer, stopped_by_->id, written.has_value(), words, file});
     stopped_by_.reset();
-  } else if (!written) {
+  } else if (!written || early) {
     failure_ = words;
   }
 }
@@ -247,10 +265,15 @@ void RowFiles::export_rows(const Command& command, Mapping& keys) {
   const McapMessages messages = read_messages(keys);
   if (exporting_) throw InputError(fmt::format("export: {} is being written; then again", exporting_->name));
   if (memory_.empty()) throw InputError("export: there are no rows yet");
+  RowMemory::Rows rows = memory_.last(60 * minutes);
+  const std::uintmax_t needed = bytes_of_rows(rows.size() * width_of(options_.head)), room = options_.room();
+  if (room < needed)
+    throw InputError(fmt::format("export: {} rows may take {} MiB, and there is room for {}; {}", rows.size(),
+                                 (needed >> 20) + 1, room >> 20, reserve));
   LiveFile file = or_wrong_input(
       LiveFile::create(options_.folder, time_s_, format, recording_ ? recording_->so_far().name : std::string()));
   const std::string name = file.name();
-  auto begun = std::make_unique<Export>(Export{std::move(file), name, memory_.last(60 * minutes), command, minutes});
+  auto begun = std::make_unique<Export>(Export{std::move(file), name, std::move(rows), command, minutes});
   begun->thread = std::thread([this, format, messages, &one = *begun] {
     one.written = format == "h5" ? write_hdf5(one.file, options_.head, one.rows)
                                  : write_mcap(one.file, options_.head, messages, one.rows);

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/telemetry/mcap_rows.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 #include <tribotwin/twin/live/live_file.hpp>
 #include <tribotwin/twin/live/protocol/messages.hpp>
@@ -22,11 +23,14 @@
 /// The commands `record` and `export`: rows of a live bench as files.
 namespace tribotwin::twin::live {
 
-/// A recording that goes on: a thread of its own writes what comes as MCAP.
+/// How many bytes may still be written to the disk; for any thread.
+using Room = std::function<std::uintmax_t()>;
+
+/// A recording that goes on: a thread of its own writes what comes as MCAP, as long as there is room.
 class RowRecording {
  public:
   /// `ended` is called by that thread when the file is there, or could not be written and nothing is left of it.
-  RowRecording(LiveFile file, const TelemetryOptions& head, McapMessages messages,
+  RowRecording(LiveFile file, const TelemetryOptions& head, McapMessages messages, Room room,
                std::function<void(Result<void>)> ended);
   ~RowRecording();
   void add(std::uint64_t number, std::span<const double> row);
@@ -38,12 +42,16 @@ class RowRecording {
   const RowFile& so_far() const { return so_far_; }
   /// After `ended`: with the name that it has, which may be another if its own was taken meanwhile.
   RowFile final();
+  /// After `ended`: it ended by itself, whole, before the disk was full.
+  bool out_of_room() const { return out_of_room_; }
 
  private:
   void work();
+  Result<void> write(McapRows& mcap, std::span<const double> rows);
   LiveFile file_;
   const TelemetryOptions& head_;
   const McapMessages messages_;
+  const Room room_;
   const std::function<void(Result<void>)> ended_;
   RowFile so_far_;
   std::uint64_t next_ = 0;  // number of the row to come
@@ -55,6 +63,9 @@ class RowRecording {
   std::deque<std::vector<double>> waiting_;
   std::size_t waiting_values_ = 0;
   bool no_more_ = false;
+  bool out_of_room_ = false;   // of the thread, as what follows
+  std::uint64_t written_ = 0;  // rows
+  double written_to_s_ = 0;
   std::thread thread_;
 };
 
@@ -65,6 +76,7 @@ class RowFiles {
     std::filesystem::path folder;
     TelemetryOptions head;  ///< of the rows, behind time_s
     std::size_t memory_bytes;
+    Room room;
   };
   /// Ways to the server's thread and its viewers.
   struct Ways {

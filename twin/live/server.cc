@@ -55,7 +55,8 @@ struct Server::Impl {
   void make_files() {
     for (const char* command : {"record", "export"}) hub.hello.commands.emplace_back(command);
     hub.files = std::make_unique<RowFiles>(
-        RowFiles::Options{hub.options.folder, *hub.hello.head, hub.options.limits.memory_bytes},
+        RowFiles::Options{hub.options.folder, *hub.hello.head, hub.options.limits.memory_bytes,
+                          [this] { return hub.options.room(hub.options.folder); }},
         RowFiles::Ways{[this](std::function<void()> call) { asio::post(io, std::move(call)); },
                        [this](const Done& done) { pass_on(done); }, [this](const Event& event) { pass_on(event); }});
   }

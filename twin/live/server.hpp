@@ -1,7 +1,9 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -10,6 +12,7 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/live/access.hpp>
 #include <tribotwin/twin/live/limits.hpp>
+#include <tribotwin/twin/live/live_file.hpp>
 #include <tribotwin/twin/live/protocol/messages.hpp>
 #include <tribotwin/twin/live/ring.hpp>
 
@@ -20,6 +23,8 @@ struct ServerOptions {
   bool readonly = false;
   std::string foxglove_origin = {};   ///< the one site that may connect by Foxglove's protocol; empty: our own only
   std::filesystem::path folder = {};  ///< of what pages record and export; empty: they cannot
+  /// Of that folder.
+  std::function<std::uintmax_t(const std::filesystem::path&)> room = room_for_pages;
   Limits limits;
 };
 

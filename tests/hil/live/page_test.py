@@ -88,7 +88,8 @@ def check_statuses(name, looks, statuses, *needed):
         for drive in status["drives"] or []:
             tile, said = one["tiles"][drive["joint"]], flat("", drive)
             got = {n: float(v) for n, v, *_ in tile["numbers"] if n in said}
-            want = {n: said[n] for n in said if n.startswith("target.") or n == "following_error_rad"}
+            own = ("following_error_rad", "reported_degC")
+            want = {n: said[n] for n in said if n.startswith("target.") or n in own}
             wrong += [(drive["joint"], got, want)] if got != want else []
             wrong += [(drive["joint"], tile["state"])] if tile["state"] != drive["state"] else []
             code = f"{drive['error_code']:04X}h" if drive["error_code"] else ""
@@ -114,6 +115,9 @@ def check_wrong(tab):
     wrong = "document.querySelector('#wrong_list').innerText"
     both = f"/joint3 error 9000h/.test({wrong}) && /joint5 error 4310h/.test({wrong})"
     check("both drives are wrong on top, in words", tab.until(both, PATIENCE_S), tab.value(wrong))
+    says = "document.querySelector('#drive_joint5 .fault').innerText"
+    reports = tab.until(f"/reports 140.3 .C/.test({says})", PATIENCE_S)
+    check("with what the sensor says instead", reports, tab.value(says))
     marked = tab.value("[...document.querySelectorAll('.tile.wrong')].map(t => t.id)")
     check("their tiles too, and no other", marked == ["drive_joint3", "drive_joint5"], marked)
     emcy = "[...document.querySelectorAll('#event_list li')].map(l => l.innerText).filter(t => t.includes('EMCY'))"

@@ -1,5 +1,7 @@
 // What pages record and export: files of a server with rows that have random bits.
+#include <atomic>
 #include <fstream>
+#include <limits>
 #include <random>
 #include <thread>
 
@@ -68,6 +70,7 @@ class RowFiles : public testing::Test {
   std::unique_ptr<Client> client;
   std::uint64_t pushed = 0;
   int asked = 0;
+  std::atomic<std::uintmax_t> room = std::numeric_limits<std::uintmax_t>::max();
 
   void SetUp() override {
     fs::remove_all(folder);
@@ -96,6 +99,7 @@ class RowFiles : public testing::Test {
     options.address.port = 0;
     options.readonly = readonly;
     options.folder = folder;
+    options.room = [this](const fs::path&) { return room.load(); };
     options.limits.messages_per_s = 1000;
     server = std::move(Server::start(options, hello).value());
     client = std::make_unique<Client>(port_of(*server));
@@ -236,6 +240,38 @@ TEST_F(RowFiles, LeavesNothingOnAFullDisk) {
   EXPECT_EQ(off["ok"], false);
   EXPECT_THAT(off["message"].get<std::string>(), HasSubstr("nothing is left of the recording of"));
   EXPECT_THAT(files(), IsEmpty());
+}
+
+TEST_F(RowFiles, LeaveTheRestOfTheDiskToTheRecordOfTheProgram) {
+  constexpr auto reason = "what is left of the disk is for the record of the program";
+  start();
+  ASSERT_EQ(ask(R"("do":"record","on":true)")["ok"], true);
+  EXPECT_THAT(client->hear_text("event"), HasSubstr("recording live-0000.0s.mcap"));
+  push(1000);
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  room = 0;
+  push(1000);
+  const std::string ended = client->hear_text("event");
+  EXPECT_THAT(ended, HasSubstr("recorded live-0000.0s.mcap: 1"));
+  EXPECT_THAT(ended, HasSubstr(reason));
+  const auto rows = recorded("live-0000.0s.mcap");
+  EXPECT_GE(rows.size(), 1U);
+  EXPECT_LT(rows.size(), 2000U);
+  EXPECT_THAT(ended, HasSubstr(fmt::format("{} row", rows.size())));
+  const Json off = ask(R"("do":"record","on":false)");
+  EXPECT_EQ(off["ok"], false);
+  EXPECT_THAT(off["message"].get<std::string>(), HasSubstr(reason));
+  EXPECT_THAT(ask(R"("do":"record","on":true)")["message"].get<std::string>(), HasSubstr(reason));
+  room = 1000;
+  const std::string refused = ask(R"("do":"export","minutes":1,"format":"h5")")["message"];
+  EXPECT_THAT(refused, HasSubstr("export: 2000 rows may take 1 MiB, and there is room for 0; "));
+  EXPECT_THAT(files(), ElementsAre("live-0000.0s.mcap"));
+}
+
+TEST(RoomForPages, IsWithinTheDisk) {
+  const auto disk = fs::space(testing::TempDir());
+  EXPECT_LT(room_for_pages(testing::TempDir()), disk.available);
+  EXPECT_GT(room_for_pages("/no/such/folder"), disk.capacity);
 }
 
 TEST_F(RowFiles, SayWhatWouldBeRight) {

@@ -9,8 +9,11 @@ export function wrongs(drive, joint, temperature_degC, residual) {
   const found = [];
   if (residual?.exceeded) found.push(`the residual has exceeded its limit of ${withUnit(residual.limit_nm, 'Nm')}`);
   const text = drive?.error_text ? ': ' + drive.error_text : '';
+  const reported = drive?.reported_degC;
   if (drive?.error_code) found.push(`error ${errorCode(drive.error_code)}${text}`);
   else if (/fault/.test(drive?.state ?? '')) found.push(words(drive.state));
+  if (isNumber(reported))
+    found.push(`it reports ${withUnit(reported, 'degC')}, as a fault on purpose wants it`);
   if (isNumber(joint.limit_degC) && temperature_degC >= joint.limit_degC)
     found.push(`${withUnit(temperature_degC, 'degC')} is over its limit of ${withUnit(joint.limit_degC, 'degC')}`);
   return found;
@@ -36,11 +39,12 @@ const facts = [
   ['position', 'position_rad', 'rad'], ['target position', 'target.position_rad', 'rad'],
   ['following error', 'following_error_rad', 'rad'], ['velocity', 'velocity_rad_s', 'rad/s'],
   ['target velocity', 'target.velocity_rad_s', 'rad/s'], ['motor torque', 'motor_torque_nm', 'Nm'],
+  ['reported temperature', 'reported_degC', 'degC'],
   ['target torque', 'target.torque_nm', 'Nm'], ['friction', 'friction_nm', 'Nm'], ['load', 'load_nm', 'Nm'],
   ['measured torque', 'measured_nm', 'Nm'], ['predicted torque', 'predicted_nm', 'Nm'],
   ['residual', 'residual_nm', 'Nm'], ['residual limit', 'residual.limit_nm', 'Nm'],
 ];
-const ofDrive = (name) => name.startsWith('target.') || name === 'following_error_rad';
+const ofDrive = (name) => name.startsWith('target.') || ['following_error_rad', 'reported_degC'].includes(name);
 const ofResidual = (name) => name.startsWith('residual.');
 
 /// With spaces at which no line ends; `bus` is a place among the buses, and that of a single one is not said.

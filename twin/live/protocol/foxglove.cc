@@ -50,6 +50,7 @@ Object status_schema() {
                                                                     {"brake", of_type("boolean", "engaged")},
                                                                     {"target", target},
                                                                     {"following_error_rad", number},
+                                                                    {"reported_degC", number},
                                                                     {"reaches_limit", of_type("boolean", "")},
                                                                     {"time_to_limit_s", number}})},
                                             {"buses", list_schema({{"name", text},

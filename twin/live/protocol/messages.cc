@@ -30,6 +30,7 @@ Json drive_json(const DriveStatus& drive) {
             {"velocity_rad_s", or_null(drive.target_rad_s)},
             {"torque_nm", or_null(drive.target_motor_nm)}}},
           {"following_error_rad", or_null(drive.following_error_rad)},
+          {"reported_degC", or_null(drive.reported_degC)},
           {"reaches_limit", drive.time_to_limit_s ? Json(std::isfinite(*drive.time_to_limit_s)) : Json(nullptr)},
           {"time_to_limit_s", or_null(drive.time_to_limit_s)}};
 }

@@ -62,6 +62,7 @@ struct DriveStatus {
   /// Of the last step: that which the drive follows. Arm side, but the torque as motor_torque_nm: motor side.
   std::optional<double> target_rad = {}, target_rad_s = {}, target_motor_nm = {};
   std::optional<double> following_error_rad = {};  ///< of a target position
+  std::optional<double> reported_degC = {};        ///< while a fault makes it report another temperature than it has
   /// Until it reaches its limit, if its loss stays as it was lately; infinite: never; without: not known.
   std::optional<double> time_to_limit_s = {};
 };
