@@ -50,12 +50,13 @@ TEST(Warmup, EndsNearPaperOnesTemperature) {
 }
 
 TEST(MultiRate, FollowsTheFullRunAtEveryCycle) {
+  // Steps of 2 ms: the same differences as with 1 ms, in half the time.
+  const auto warmup = [](std::vector<std::string> more, const Folder& folder) {
+    more.insert(more.end(), {"timestep_s=0.002", "telemetry_rate_hz=0.01"});
+    return run(load_scenario(scenarios / "irb6620_warmup.yaml", more).value(), {.directory = folder.path});
+  };
   const Folder a, b;
-  const auto full = run(
-      load_scenario(scenarios / "irb6620_warmup.yaml", {"multirate.enabled=false", "telemetry_rate_hz=0.01"}).value(),
-      {.directory = a.path});
-  const auto fast =
-      run(load_scenario(scenarios / "irb6620_warmup.yaml", {"telemetry_rate_hz=0.01"}).value(), {.directory = b.path});
+  const auto full = warmup({"multirate.enabled=false"}, a), fast = warmup({}, b);
   ASSERT_TRUE(full && fast);
   EXPECT_LT(fast->steps_computed * 100, full->steps_computed);
   const auto f = read_telemetry(a.path / "telemetry.h5"), g = read_telemetry(b.path / "telemetry.h5");
