@@ -10,8 +10,14 @@
 /// the results are the same doubles.
 namespace tribotwin::twin {
 
+/// Where the numbers of the joint stand.
+enum class Numbers {
+  literal,  ///< in the text of the file: none can change
+  members,  ///< in its state: those of `joint_parameters` may change between steps
+};
+
 /// `name` is the prefix of everything in the file and becomes part of C: letters, digits and _, no keyword. Fails where
 /// it cannot.
-Result<std::string> c_source(const drive::Drive& drive, const std::string& name);
+Result<std::string> c_source(const drive::Drive& drive, const std::string& name, Numbers numbers = Numbers::literal);
 
 }  // namespace tribotwin::twin

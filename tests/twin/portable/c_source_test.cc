@@ -12,8 +12,10 @@
 
 #include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/plugins/drive/fault.hpp>
+#include <tribotwin/plugins/drive/keys.hpp>
 #include <tribotwin/plugins/drive/slide.hpp>
 #include <tribotwin/twin/portable/c_source.hpp>
+#include <tribotwin/twin/portable/joint_parameters.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -96,6 +98,10 @@ struct CState {
   double temperature_degC, friction_nm, limit_nm, heat_J;
   int outside;
 };
+/// With Numbers::members its parameters follow, and what follows from them.
+struct Room : CState {
+  std::array<double, 100> parameters;
+};
 
 class Folder {
  public:
@@ -118,11 +124,11 @@ class Folder {
 std::string name_of(std::size_t i) { return fmt::format("joint{}", i); }
 
 /// All joints in one file, each with its self test.
-std::string source_of(const std::vector<Drive>& all) {
+std::string source_of(const std::vector<Drive>& all, Numbers numbers = Numbers::literal) {
   std::string text;
   for (std::size_t i = 0; i < all.size(); ++i) {
     text += fmt::format("#define JOINT{}_SELF_TEST\n", i);
-    text += c_source(all[i], name_of(i)).value();
+    text += c_source(all[i], name_of(i), numbers).value();
   }
   text += "int wrong_rows(void);\nint wrong_rows(void)\n{\n  int wrong = 0;\n";
   for (std::size_t i = 0; i < all.size(); ++i) text += fmt::format("  wrong += {}_self_test();\n", name_of(i));
@@ -148,18 +154,41 @@ drive::Faults faults_of(Random& random) {
 
 TEST_F(CSource, CoversEveryLawAndDynamics) { ASSERT_EQ(all.size(), 2 * 3 * friction::laws().size()); }
 
-/// The same doubles as drive::slide, over 10^5 random steps with faults, inputs beyond the range and no numbers.
-void compare(const std::vector<Drive>& all, void* library) {
+/// The same drive with other numbers of every kind.
+Drive tuned(Drive drive, Random& random) {
+  const auto other = [&](double x) { return x * uniform(random, 0.5, 2); };
+  std::vector<double> law(drive.law.values().begin(), drive.law.values().end());
+  for (double& x : law) x = other(x);
+  drive.law = friction::with_parameters(drive.law, law);
+  drive.torque_max_nm = other(drive.torque_max_nm), drive.gear_ratio = other(drive.gear_ratio);
+  drive.load_filter_s = coin(random) ? 0 : uniform(random, 1e-3, 1);
+  drive.asymmetry = coin(random) ? 0 : uniform(random, -0.5, 0.5);
+  for (double* x : drive::dynamics_values(drive)) *x = other(*x);
+  std::vector<double> heat = thermal::values(drive.thermal);
+  for (double& x : heat) x = other(x);
+  drive.thermal = thermal::make_model(drive.thermal.order, drive.thermal.T_amb_degC, heat);
+  return drive;
+}
+
+/// The same doubles as drive::slide, over 10^5 random steps with faults, inputs beyond the range and no numbers. With
+/// `tune` other numbers are set first.
+void compare(std::vector<Drive> all, void* library, bool tune = false) {
   std::size_t steps = 0, sliding = 0, outside = 0;
   for (std::size_t i = 0; i < all.size(); ++i) {
     const auto find = [&](const char* what) { return dlsym(library, (name_of(i) + what).c_str()); };
     const auto step = reinterpret_cast<double (*)(CState*, double, double, double)>(find("_step"));
     const auto temperature = reinterpret_cast<double (*)(const CState*)>(find("_temperature"));
     const auto heat_up = reinterpret_cast<void (*)(CState*, double)>(find("_set_temperature"));
-    CState c;
+    Room c;
     reinterpret_cast<void (*)(CState*)>(find("_init"))(&c);
     drive::Sliding s;
     Random random(i);
+    if (tune) {
+      all[i] = tuned(all[i], random);
+      const auto parameters = joint_parameters(all[i]);
+      for (std::size_t k = 0; k < parameters.size(); ++k) c.parameters[k] = parameters[k].value;
+      reinterpret_cast<void (*)(CState*)>(find("_changed"))(&c);
+    }
     for (int k = 0; k < 2200; ++k, ++steps) {
       if (k % 100 == 0) {
         const drive::Faults f = faults_of(random);
@@ -191,21 +220,25 @@ void compare(const std::vector<Drive>& all, void* library) {
   EXPECT_GT(outside, steps / 100);
 }
 
-TEST_F(CSource, EqualsCppBitByBit) {
-  folder.write("all.c", source_of(all));
+class CSourceWith : public CSource, public testing::WithParamInterface<Numbers> {};
+INSTANTIATE_TEST_SUITE_P(Numbers, CSourceWith, testing::Values(Numbers::literal, Numbers::members));
+
+TEST_P(CSourceWith, EqualsCppBitByBit) {
+  folder.write("all.c", source_of(all, GetParam()));
   for (const char* compiler : {"gcc -O2", "clang -O2"}) {
     SCOPED_TRACE(compiler);
     ASSERT_EQ(folder.run(fmt::format("{} {} -fPIC -shared all.c -o {}.so -lm", compiler, strict, compiler[0])), 0);
     void* library = dlopen(folder.file(fmt::format("{}.so", compiler[0])).c_str(), RTLD_NOW | RTLD_LOCAL);
     ASSERT_TRUE(library) << dlerror();
     compare(all, library);
+    if (GetParam() == Numbers::members) compare(all, library, true);
     EXPECT_EQ(reinterpret_cast<int (*)()>(dlsym(library, "wrong_rows"))(), 0);
     dlclose(library);
   }
 }
 
-TEST_F(CSource, SelfTestsPassUnderSanitizer) {
-  folder.write("all.c", source_of(all));
+TEST_P(CSourceWith, SelfTestsPassUnderSanitizer) {
+  folder.write("all.c", source_of(all, GetParam()));
   for (const char* compiler : {"gcc", "clang"}) {
     ASSERT_EQ(folder.run(fmt::format("{} {} -DMAIN -g -fsanitize=undefined -fno-sanitize-recover=all all.c -o all -lm",
                                      compiler, strict)),
