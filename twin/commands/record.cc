@@ -17,6 +17,7 @@
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 #include <tribotwin/twin/portable/c_source.hpp>
+#include <tribotwin/twin/portable/fmu.hpp>
 #include <tribotwin/twin/robot/native_model.hpp>
 
 namespace tribotwin::twin::program {
@@ -196,19 +197,49 @@ Result<Exit> export_elements(const std::string& file, const std::string& name, c
     if (!spring) return work_failed(fmt::format("{}: {}", file, spring.error().message));
     return deliver(spring_elements(name, *spring), output);
   }
-  return deliver(drive_elements(name, drive_of({file, "", torque_max_nm, gear_ratio}, name)), output);
+  return deliver(drive_elements(name, joint_of({file, "", torque_max_nm, gear_ratio}, name).drive), output);
 }
 
-/// The joint as a C file. Without --name its functions have the name of the model's joint.
+/// What names in C begin with: --name, else the model's joint.
+std::string prefix_of(const JointSource& source, const std::string& name) {
+  return name.empty() ? c_name(source.joint.empty() ? "joint" : source.joint) : name;
+}
+
 Result<Exit> export_c(const JointSource& source, const std::string& name, const Destination& output) {
-  const std::string prefix = name.empty() ? c_name(source.joint.empty() ? "joint" : source.joint) : name;
-  const auto text = c_source(drive_of(source, prefix), prefix);
+  const std::string prefix = prefix_of(source, name);
+  const auto text = c_source(joint_of(source, prefix).drive, prefix);
   if (!text) throw InputError(fmt::format("--name {}", text.error().message));
   return deliver(*text, output);
 }
 
+Result<Exit> export_fmu(const JointSource& source, const std::string& name, FmiVersion version,
+                        const Destination& output) {
+  const std::string prefix = prefix_of(source, name);
+  const SourcedJoint joint = joint_of(source, prefix);
+  if (joint.slide)
+    throw InputError(fmt::format("{}: {} is a slide; an FMU has the units of a hinge. --c writes its source",
+                                 source.file, source.joint.empty() ? "the joint" : source.joint));
+  auto files = fmu_files(joint.drive, prefix, version);
+  if (!files) throw InputError(fmt::format("--name {}", files.error().message));
+  const std::string library_name = fmu_library_name(prefix, version);
+  if (library_name.empty()) {
+    note("FMI {} has no name for this machine: the FMU holds sources alone", static_cast<int>(version));
+  } else {
+    const auto library = fmu_library(*files, prefix, version);
+    if (!library) return tl::unexpected(library.error());
+    if (library->empty())
+      note("no C compiler (cc, gcc or clang) is found: the FMU holds sources alone, {} is missing", library_name);
+    else
+      files->push_back({library_name, *library});
+  }
+  const auto bytes = zipped(*files);
+  if (!bytes) return tl::unexpected(bytes.error());
+  return deliver(*bytes, output);
+}
+
 struct ExportArguments {
-  std::string from, name = "joint", on_drive = "motor", joint, c_file;
+  std::string from, name = "joint", on_drive = "motor", joint, c_file, fmu_file;
+  int fmi = 2;
   Destination output;
   double torque_max_nm = 0, gear_ratio = 0, torque_noise_share = 0;
   Sensors sensors{.sampling_hz = 0};
@@ -250,14 +281,34 @@ CLI::Option* add_mcap(CLI::App& command, std::initializer_list<CLI::Option*> oth
 }
 
 /// One joint for other tools.
-CLI::Option* add_c(CLI::App& command, std::initializer_list<CLI::Option*> others, ExportArguments& a) {
+void add_joint(CLI::App& command, std::initializer_list<CLI::Option*> others, ExportArguments& a) {
   auto* c =
       command.add_option("--c", a.c_file,
                          "C99 file to write: the joint of PARAMS.yaml or MODEL.xml for controllers, with a test of "
                          "itself (law, heat, bristles, faults)");
-  for (auto* other : others) c->excludes(other);
-  command.add_option("--joint", a.joint, "Joint of MODEL.xml for --c, where it has several")->needs(c);
-  return c;
+  auto* fmu = command.add_option("--fmu", a.fmu_file,
+                                 "FMU to write: the same joint for co-simulation, as source and, where a C compiler is "
+                                 "found, as a library; its parameters can be tuned");
+  for (auto* other : others) c->excludes(other), fmu->excludes(other);
+  fmu->excludes(c);
+  command.add_option("--fmi", a.fmi, "Version of the FMI standard for --fmu")
+      ->check(CLI::IsMember({2, 3}))
+      ->capture_default_str()
+      ->needs(fmu);
+  command.add_option("--joint", a.joint, "Joint of MODEL.xml for --c and --fmu, where it has several");
+}
+
+/// The one kind of export that was asked for: its file, where the option names it.
+void require_one_kind(ExportArguments& a) {
+  const bool to_file = !a.c_file.empty() || !a.fmu_file.empty();
+  if (a.csv + a.mjcf + a.recording + a.native + a.mcap + !a.c_file.empty() + !a.fmu_file.empty() != 1)
+    throw InputError(
+        "export needs --csv, --mcap or --recording (of a run), --mjcf (of PARAMS.yaml), --native (of MODEL.xml), --c "
+        "FILE or --fmu FILE (of either)");
+  if (!to_file && !a.joint.empty()) throw InputError(fmt::format("--joint {}: belongs to --c and --fmu", a.joint));
+  if (to_file && a.output.named())
+    throw InputError(fmt::format("-o {}: --c and --fmu name their file themselves", a.output.file));
+  if (to_file) a.output.file = a.c_file.empty() ? a.fmu_file : a.c_file;
 }
 
 }  // namespace
@@ -278,7 +329,7 @@ void add_export(CLI::App& app, int& code) {
   auto* command = app.add_subcommand("export",
                                      "Export the record of a run as CSV, complete or as a controller records it, or as "
                                      "MCAP, parameters as a MuJoCo element, a model "
-                                     "without plugins, or one joint as C");
+                                     "without plugins, or one joint as C or FMU");
   command->add_option("FROM", a->from, "Folder of a run, PARAMS.yaml, or MODEL.xml")->required();
   auto* csv = command->add_flag("--csv", a->csv,
                                 "The samples as telemetry.csv and, where there are work cycles, these as cycles.csv");
@@ -299,7 +350,7 @@ void add_export(CLI::App& app, int& code) {
                      ->excludes(mjcf)
                      ->excludes(recording);
   auto* mcap = add_mcap(*command, {csv, mjcf, recording, native}, *a);
-  auto* c = add_c(*command, {csv, mjcf, recording, native, mcap}, *a);
+  add_joint(*command, {csv, mjcf, recording, native, mcap}, *a);
   command
       ->add_option("--temperature", a->temperature_degC,
                    "Temperature of that friction [degC] (default: T_amb, within the range of the law)")
@@ -313,7 +364,7 @@ void add_export(CLI::App& app, int& code) {
   add_sensors(*command, recording, *a);
   auto* name = command
                    ->add_option("--name", a->name,
-                                "Name of the joint, instance and actuator; with --c what all names in the file begin "
+                                "Name of the joint, instance and actuator; with --c and --fmu what all names begin "
                                 "with (default there: the joint of the model)")
                    ->capture_default_str();
   command
@@ -324,11 +375,9 @@ void add_export(CLI::App& app, int& code) {
       ->check(CLI::Range(1e-9, 1e9));
   command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")
       ->check(CLI::Range(1e-6, 1e6));
-  a->output
-      .add_to(*command,
-              "File for the elements or the recording (default: stdout), the .csv of --csv or the .mcap of --mcap "
-              "(default: beside the record)")
-      ->excludes(c);
+  a->output.add_to(*command,
+                   "File for the elements or the recording (default: stdout), the .csv of --csv or the .mcap of --mcap "
+                   "(default: beside the record)");
   a->output.add_json_to(*command);
   command->footer(
       "Example:\n  tribotwin run irb6620_hold -o runs/hold\n  tribotwin export runs/hold --csv\n  tribotwin export "
@@ -336,24 +385,24 @@ void add_export(CLI::App& app, int& code) {
       "rh380n_friction -o lab/rh380n\n  tribotwin identify --law stribeck_T lab/rh380n/curves/00[89].csv "
       "lab/rh380n/curves/01?.csv -o params.yaml\n  tribotwin export params.yaml --mjcf --tau-max 20 --gear-ratio 1\n  "
       "tribotwin export "
-      "mjcf/irb6620.xml --joint joint2 --c joint2.c");
+      "mjcf/irb6620.xml --joint joint2 --c joint2.c\n  tribotwin export mjcf/irb6620.xml --joint joint2 --fmu "
+      "joint2.fmu");
   command->callback([a, name, &code] {
-    if (a->csv + a->mjcf + a->recording + a->native + a->mcap + !a->c_file.empty() != 1)
-      throw InputError(
-          "export needs --csv, --mcap or --recording (of a run), --mjcf (of PARAMS.yaml), --native (of MODEL.xml) or "
-          "--c FILE (of either)");
-    if (!a->c_file.empty()) a->output.file = a->c_file;
+    require_one_kind(*a);
     if (!(a->csv || a->mcap) || a->output.named())
       check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
     const auto messages = a->messages == "json" ? McapMessages::json : McapMessages::ros2;
-    code = or_throw(
-        !a->c_file.empty()
-            ? export_c({a->from, a->joint, a->torque_max_nm, a->gear_ratio}, name->count() ? a->name : "", a->output)
-        : a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
-        : a->csv       ? export_record(a->from, a->output)
-        : a->mcap      ? export_messages(a->from, a->output, messages)
-        : a->native    ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
-                       : export_elements(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
+    const JointSource source{a->from, a->joint, a->torque_max_nm, a->gear_ratio};
+    const std::string prefix = name->count() ? a->name : "";
+    code = or_throw(!a->c_file.empty() ? export_c(source, prefix, a->output)
+                    : !a->fmu_file.empty()
+                        ? export_fmu(source, prefix, a->fmi == 2 ? FmiVersion::two : FmiVersion::three, a->output)
+                    : a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
+                    : a->csv       ? export_record(a->from, a->output)
+                    : a->mcap      ? export_messages(a->from, a->output, messages)
+                    : a->native
+                        ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
+                        : export_elements(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
   });
 }
 

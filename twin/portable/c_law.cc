@@ -47,8 +47,8 @@ std::string member_of(double GeneralLaw::*number) {
 /// Writes one law. Sums are formed in the order of formula.hpp.
 class Writer {
  public:
-  Writer(const friction::Law& law, const std::string& name, Numbers numbers)
-      : law_(law), f_(law.general_law), name_(name), members_(numbers == Numbers::members) {}
+  Writer(const friction::Law& law, const std::string& name, JointNumbers numbers)
+      : law_(law), f_(law.general_law), name_(name), members_(numbers == JointNumbers::members) {}
 
   std::string text() const { return coefficients() + at() + rest() + parts(); }
 
@@ -267,7 +267,7 @@ std::string c_number(double x) {
   return x < 0 ? "(" + text + ")" : text;
 }
 
-std::string c_law(const friction::Law& law, const std::string& name, Numbers numbers) {
+std::string c_law(const friction::Law& law, const std::string& name, JointNumbers numbers) {
   return Writer(law, name, numbers).text();
 }
 

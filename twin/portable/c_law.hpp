@@ -19,10 +19,10 @@ std::string filled(std::string text, const std::vector<std::pair<std::string, st
 
 /// The coefficients of a law at a temperature, and its two parts at a speed and a load, as C: the type
 /// NAME_coefficients and the functions NAME_at and NAME_law.
-std::string c_law(const friction::Law& law, const std::string& name, Numbers numbers);
+std::string c_law(const friction::Law& law, const std::string& name, JointNumbers numbers);
 
-/// Of Numbers::members: the members of NAME_numbers that hold the general law, and the lines of NAME_changed that set
-/// them from the law's parameters.
+/// Of JointNumbers::members: the members of NAME_numbers that hold the general law, and the lines of NAME_changed that
+/// set them from the law's parameters.
 std::string c_law_members();
 std::string c_law_changed(const friction::LawInfo& law);
 

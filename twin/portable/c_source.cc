@@ -402,7 +402,7 @@ std::string values_of(const drive::LoadTable& t) {
   return rows;
 }
 
-/// Of Numbers::members: what holds the numbers, and what follows from them.
+/// Of JointNumbers::members: what holds the numbers, and what follows from them.
 struct Members {
   std::string parameters, state, defaults, declaration, changed;
 };
@@ -619,11 +619,11 @@ std::string filled(std::string text, const std::vector<std::pair<std::string, st
   return text;
 }
 
-Result<std::string> c_source(const Drive& d, const std::string& name, Numbers numbers) {
+Result<std::string> c_source(const Drive& d, const std::string& name, JointNumbers numbers) {
   if (!is_identifier(name))
     return tl::unexpected(fmt::format(
         "the name '{}' becomes part of C: use letters, digits and _, a letter first, at most 40, no keyword", name));
-  const Written number{d, numbers == Numbers::members};
+  const Written number{d, numbers == JointNumbers::members};
   const auto all = words(number, name);
   const std::string last =
       (d.dynamics == Dynamics::lugre ? lugre_most : std::string()) + set_up + step_head + limit(d) + step_tail;

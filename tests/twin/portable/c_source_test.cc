@@ -98,7 +98,7 @@ struct CState {
   double temperature_degC, friction_nm, limit_nm, heat_J;
   int outside;
 };
-/// With Numbers::members its parameters follow, and what follows from them.
+/// With JointNumbers::members its parameters follow, and what follows from them.
 struct Room : CState {
   std::array<double, 100> parameters;
 };
@@ -124,7 +124,7 @@ class Folder {
 std::string name_of(std::size_t i) { return fmt::format("joint{}", i); }
 
 /// All joints in one file, each with its self test.
-std::string source_of(const std::vector<Drive>& all, Numbers numbers = Numbers::literal) {
+std::string source_of(const std::vector<Drive>& all, JointNumbers numbers = JointNumbers::literal) {
   std::string text;
   for (std::size_t i = 0; i < all.size(); ++i) {
     text += fmt::format("#define JOINT{}_SELF_TEST\n", i);
@@ -220,8 +220,8 @@ void compare(std::vector<Drive> all, void* library, bool tune = false) {
   EXPECT_GT(outside, steps / 100);
 }
 
-class CSourceWith : public CSource, public testing::WithParamInterface<Numbers> {};
-INSTANTIATE_TEST_SUITE_P(Numbers, CSourceWith, testing::Values(Numbers::literal, Numbers::members));
+class CSourceWith : public CSource, public testing::WithParamInterface<JointNumbers> {};
+INSTANTIATE_TEST_SUITE_P(Numbers, CSourceWith, testing::Values(JointNumbers::literal, JointNumbers::members));
 
 TEST_P(CSourceWith, EqualsCppBitByBit) {
   folder.write("all.c", source_of(all, GetParam()));
@@ -231,7 +231,7 @@ TEST_P(CSourceWith, EqualsCppBitByBit) {
     void* library = dlopen(folder.file(fmt::format("{}.so", compiler[0])).c_str(), RTLD_NOW | RTLD_LOCAL);
     ASSERT_TRUE(library) << dlerror();
     compare(all, library);
-    if (GetParam() == Numbers::members) compare(all, library, true);
+    if (GetParam() == JointNumbers::members) compare(all, library, true);
     EXPECT_EQ(reinterpret_cast<int (*)()>(dlsym(library, "wrong_rows"))(), 0);
     dlclose(library);
   }
