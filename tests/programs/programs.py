@@ -231,7 +231,6 @@ commands = [
             "export --fmu",
             ("tribotwin", "export", "{in}/params.yaml", "--fmu", "joint.fmu", "--tau-max", "1", "--gear-ratio", "100"),
             ("joint.fmu",),
-            stream="joint.fmu",
         ),
         Command(
             "add-drives", ("tribotwin", "add-drives", "{in}/bare.xml", "-o", "robot.xml"), ("robot.xml", "robot.yaml")

@@ -1,7 +1,7 @@
 #pragma once
 
-/// Internal to portable/: the C of an FMU around its joint. Words such as @NAME@ are replaced. A version's source is
-/// its `types`, the core, its `functions`; the declarations follow the standard's lists of functions.
+/// Internal to portable/: the C of an FMU around its joint, with words between two @ to be replaced. A version's source
+/// is its `types`, the core, its `functions`; the declarations follow the standard's lists of functions.
 namespace tribotwin::twin {
 
 extern const char* const fmu_core;

@@ -33,7 +33,7 @@ struct FmuUnit {
 };
 FmuUnit fmu_unit(const std::string& unit);
 
-/// modelDescription.xml, with @TOKEN@ for the token; and, for FMI 3, sources/buildDescription.xml.
+/// modelDescription.xml, the token left open; and, for FMI 3, sources/buildDescription.xml.
 std::string fmu_description(const drive::Drive& drive, const std::string& name, int version);
 std::string fmu_build_description(const std::string& name);
 

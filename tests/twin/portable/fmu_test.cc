@@ -3,6 +3,7 @@
 #include <map>
 #include <optional>
 #include <regex>
+#include <sstream>
 
 #include "fmu_importer.hpp"
 #include "joints.hpp"
@@ -297,117 +298,29 @@ TEST_P(Standard, StartsAsDescribed) {
   FAIL() << "no drive with heat";
 }
 
-const std::vector<std::string>& functions_of(FmiVersion version) {
-  static const std::vector<std::string> two = {"GetTypesPlatform",
-                                               "GetVersion",
-                                               "SetDebugLogging",
-                                               "Instantiate",
-                                               "FreeInstance",
-                                               "SetupExperiment",
-                                               "EnterInitializationMode",
-                                               "ExitInitializationMode",
-                                               "Terminate",
-                                               "Reset",
-                                               "GetReal",
-                                               "GetInteger",
-                                               "GetBoolean",
-                                               "GetString",
-                                               "SetReal",
-                                               "SetInteger",
-                                               "SetBoolean",
-                                               "SetString",
-                                               "GetFMUstate",
-                                               "SetFMUstate",
-                                               "FreeFMUstate",
-                                               "SerializedFMUstateSize",
-                                               "SerializeFMUstate",
-                                               "DeSerializeFMUstate",
-                                               "GetDirectionalDerivative",
-                                               "SetRealInputDerivatives",
-                                               "GetRealOutputDerivatives",
-                                               "DoStep",
-                                               "CancelStep",
-                                               "GetStatus",
-                                               "GetRealStatus",
-                                               "GetIntegerStatus",
-                                               "GetBooleanStatus",
-                                               "GetStringStatus"};
-  static const std::vector<std::string> three = {"GetVersion",
-                                                 "SetDebugLogging",
-                                                 "InstantiateModelExchange",
-                                                 "InstantiateCoSimulation",
-                                                 "InstantiateScheduledExecution",
-                                                 "FreeInstance",
-                                                 "EnterInitializationMode",
-                                                 "ExitInitializationMode",
-                                                 "EnterEventMode",
-                                                 "Terminate",
-                                                 "Reset",
-                                                 "GetFloat32",
-                                                 "GetFloat64",
-                                                 "GetInt8",
-                                                 "GetUInt8",
-                                                 "GetInt16",
-                                                 "GetUInt16",
-                                                 "GetInt32",
-                                                 "GetUInt32",
-                                                 "GetInt64",
-                                                 "GetUInt64",
-                                                 "GetBoolean",
-                                                 "GetString",
-                                                 "GetBinary",
-                                                 "GetClock",
-                                                 "SetFloat32",
-                                                 "SetFloat64",
-                                                 "SetInt8",
-                                                 "SetUInt8",
-                                                 "SetInt16",
-                                                 "SetUInt16",
-                                                 "SetInt32",
-                                                 "SetUInt32",
-                                                 "SetInt64",
-                                                 "SetUInt64",
-                                                 "SetBoolean",
-                                                 "SetString",
-                                                 "SetBinary",
-                                                 "SetClock",
-                                                 "GetNumberOfVariableDependencies",
-                                                 "GetVariableDependencies",
-                                                 "GetFMUState",
-                                                 "SetFMUState",
-                                                 "FreeFMUState",
-                                                 "SerializedFMUStateSize",
-                                                 "SerializeFMUState",
-                                                 "DeserializeFMUState",
-                                                 "GetDirectionalDerivative",
-                                                 "GetAdjointDerivative",
-                                                 "EnterConfigurationMode",
-                                                 "ExitConfigurationMode",
-                                                 "GetIntervalDecimal",
-                                                 "GetIntervalFraction",
-                                                 "GetShiftDecimal",
-                                                 "GetShiftFraction",
-                                                 "SetIntervalDecimal",
-                                                 "SetIntervalFraction",
-                                                 "SetShiftDecimal",
-                                                 "SetShiftFraction",
-                                                 "EvaluateDiscreteStates",
-                                                 "UpdateDiscreteStates",
-                                                 "EnterContinuousTimeMode",
-                                                 "CompletedIntegratorStep",
-                                                 "SetTime",
-                                                 "SetContinuousStates",
-                                                 "GetContinuousStateDerivatives",
-                                                 "GetEventIndicators",
-                                                 "GetContinuousStates",
-                                                 "GetNominalsOfContinuousStates",
-                                                 "GetNumberOfEventIndicators",
-                                                 "GetNumberOfContinuousStates",
-                                                 "EnterStepMode",
-                                                 "GetOutputDerivatives",
-                                                 "DoStep",
-                                                 "ActivateModelPartition"};
-  return version == FmiVersion::two ? two : three;
+/// The functions of the standard; of FMI 2.0 those for co-simulation.
+constexpr const char* functions_2 =
+    R"(GetTypesPlatform GetVersion SetDebugLogging Instantiate FreeInstance SetupExperiment EnterInitializationMode
+ExitInitializationMode Terminate Reset GetReal GetInteger GetBoolean GetString SetReal SetInteger SetBoolean
+SetString GetFMUstate SetFMUstate FreeFMUstate SerializedFMUstateSize SerializeFMUstate DeSerializeFMUstate
+GetDirectionalDerivative SetRealInputDerivatives GetRealOutputDerivatives DoStep CancelStep GetStatus GetRealStatus
+GetIntegerStatus GetBooleanStatus GetStringStatus)";
+constexpr const char* functions_3 =
+    R"(GetVersion SetDebugLogging InstantiateModelExchange InstantiateCoSimulation InstantiateScheduledExecution
+FreeInstance EnterInitializationMode ExitInitializationMode EnterEventMode Terminate Reset GetFloat32 GetFloat64
+GetInt8 GetUInt8 GetInt16 GetUInt16 GetInt32 GetUInt32 GetInt64 GetUInt64 GetBoolean GetString GetBinary GetClock
+SetFloat32 SetFloat64 SetInt8 SetUInt8 SetInt16 SetUInt16 SetInt32 SetUInt32 SetInt64 SetUInt64 SetBoolean SetString
+SetBinary SetClock GetNumberOfVariableDependencies GetVariableDependencies GetFMUState SetFMUState FreeFMUState
+SerializedFMUStateSize SerializeFMUState DeserializeFMUState GetDirectionalDerivative GetAdjointDerivative
+EnterConfigurationMode ExitConfigurationMode GetIntervalDecimal GetIntervalFraction GetShiftDecimal GetShiftFraction
+SetIntervalDecimal SetIntervalFraction SetShiftDecimal SetShiftFraction EvaluateDiscreteStates UpdateDiscreteStates
+EnterContinuousTimeMode CompletedIntegratorStep SetTime SetContinuousStates GetContinuousStateDerivatives
+GetEventIndicators GetContinuousStates GetNominalsOfContinuousStates GetNumberOfEventIndicators
+GetNumberOfContinuousStates EnterStepMode GetOutputDerivatives DoStep ActivateModelPartition)";
+
+std::vector<std::string> functions_of(FmiVersion version) {
+  std::istringstream words(version == FmiVersion::two ? functions_2 : functions_3);
+  return {std::istream_iterator<std::string>(words), {}};
 }
 
 /// Every function is there; without an instance and, as far as zeros are arguments, with one, it answers.
