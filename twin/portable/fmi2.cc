@@ -19,11 +19,18 @@ const char* const fmi2_types = R"(/* The joint @NAME@ as a functional mock-up un
 #define @UPPER@_DECLARATIONS
 #include "@NAME@.c"
 
-#ifdef FMI2_OVERRIDE_FUNCTION_PREFIX
-#define FMI(function) fmi2##function
-#else
-#define FMI(function) @NAME@_fmi2##function
+/* FMPy defines the macro of FMI 3 for both versions. */
+#if !defined(FMI2_OVERRIDE_FUNCTION_PREFIX) && !defined(FMI3_OVERRIDE_FUNCTION_PREFIX)
+#ifndef FMI2_FUNCTION_PREFIX
+#define FMI2_FUNCTION_PREFIX @NAME@_
 #endif
+#define FMI2_ACTUAL_FUNCTION_PREFIX FMI2_FUNCTION_PREFIX
+#elif !defined(FMI2_ACTUAL_FUNCTION_PREFIX)
+#define FMI2_ACTUAL_FUNCTION_PREFIX
+#endif
+#define FMU_PASTE(prefix, name) prefix##name
+#define FMU_EXPAND(prefix, name) FMU_PASTE(prefix, name)
+#define FMI(function) FMU_EXPAND(FMI2_ACTUAL_FUNCTION_PREFIX, fmi2##function)
 #ifdef _WIN32
 #define FMI_EXPORT __declspec(dllexport)
 #elif defined(__GNUC__)

@@ -20,11 +20,17 @@ const char* const fmi3_types = R"(/* The joint @NAME@ as a functional mock-up un
 #define @UPPER@_DECLARATIONS
 #include "@NAME@.c"
 
-#ifdef FMI3_OVERRIDE_FUNCTION_PREFIX
-#define FMI(function) fmi3##function
-#else
-#define FMI(function) @NAME@_fmi3##function
+#if !defined(FMI3_OVERRIDE_FUNCTION_PREFIX)
+#ifndef FMI3_FUNCTION_PREFIX
+#define FMI3_FUNCTION_PREFIX @NAME@_
 #endif
+#define FMI3_ACTUAL_FUNCTION_PREFIX FMI3_FUNCTION_PREFIX
+#elif !defined(FMI3_ACTUAL_FUNCTION_PREFIX)
+#define FMI3_ACTUAL_FUNCTION_PREFIX
+#endif
+#define FMU_PASTE(prefix, name) prefix##name
+#define FMU_EXPAND(prefix, name) FMU_PASTE(prefix, name)
+#define FMI(function) FMU_EXPAND(FMI3_ACTUAL_FUNCTION_PREFIX, fmi3##function)
 #ifdef _WIN32
 #define FMI_EXPORT __declspec(dllexport)
 #elif defined(__GNUC__)
