@@ -228,6 +228,12 @@ commands = [
             stream="joint.c",
         ),
         Command(
+            "export --table",
+            ("tribotwin", "export", "{in}/params.yaml", "--table", "t.csv", "--tau-max", "1", "--gear-ratio", "100"),
+            ("t.csv",),
+            stream="t.csv",
+        ),
+        Command(
             "export --fmu",
             ("tribotwin", "export", "{in}/params.yaml", "--fmu", "joint.fmu", "--tau-max", "1", "--gear-ratio", "100"),
             ("joint.fmu",),
