@@ -33,9 +33,8 @@ def joint_c():
     return friction
 
 
-def interpolated(rows, axes, at):
+def interpolated(values, axes, at):
     """By hand, from the eight corners around a point."""
-    values = {(r["speed_rad_s"], r["load_nm"], r["temperature_degC"]): r["friction_nm"] for r in rows}
     sides = []
     for axis, x in zip(axes, at):
         i = max(k for k in range(len(axis) - 1) if axis[k] <= x)
@@ -68,7 +67,8 @@ centres = [
     for k in range(0, len(axes[2]) - 1)
     if axes[0][i] * axes[0][i + 1] > 0
 ]
-worst = max(abs(interpolated(rows, axes, c) - friction(*c)) for c in centres)
+values = {(r["speed_rad_s"], r["load_nm"], r["temperature_degC"]): r["friction_nm"] for r in rows}
+worst = max(abs(interpolated(values, axes, c) - friction(*c)) for c in centres)
 check("the error that is said", abs(worst / said - 1) < 0.01, f"{worst} {said}")
 
 made = run(program, "export", *joint2, "--table", "warm.csv", "--temperature", 50, "--joint-speed", 1)
