@@ -26,6 +26,9 @@ SourcedJoint of_model(const JointSource& source) {
   if (source.torque_max_nm > 0 || source.gear_ratio > 0)
     throw InputError(
         fmt::format("{}: --tau-max and --gear-ratio belong to PARAMS.yaml; a model has its own", source.file));
+  if (drives.empty())
+    throw InputError(
+        fmt::format("{}: has no tribotwin.drive; `tribotwin add-drives` gives a robot drives", source.file));
   if (source.joint.empty()) {
     if (drives.size() != 1)
       throw InputError(fmt::format("{}: has the joints {}; --joint says which", source.file, joined(joints)));
