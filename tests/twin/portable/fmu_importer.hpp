@@ -54,6 +54,7 @@ class Instance {
   virtual Status set(const std::vector<unsigned>& references, const double* values) = 0;
   virtual Status outside(unsigned reference, bool& value) = 0;
 
+  void* handle() const { return instance_; }
   Status exit() { return call("ExitInitializationMode"); }
   Status terminate() { return call("Terminate"); }
   Status reset() { return call("Reset"); }
