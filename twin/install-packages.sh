@@ -6,7 +6,7 @@ packages=(
   libmujoco-dev libqhull-dev libgl-dev libopengl-dev   # the engine, and what its CMake files insist on
   libeigen3-dev libpugixml-dev libyaml-cpp-dev libcli11-dev libfmt-dev
   nlohmann-json3-dev libhdf5-dev libexpected-dev
-  libzip-dev libmatio-dev                              # tables in .npz and .mat
+  libzip-dev libmatio-dev                              # tables in .npz and .mat, FMUs
   liblz4-dev libzstd-dev                               # chunks of .mcap
   libsqlite3-dev libpqxx-dev                           # the store of a fleet: a file, or PostgreSQL
   libceres-dev libboost-dev                            # identification: trust region, distributions; the live bench

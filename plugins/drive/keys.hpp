@@ -7,8 +7,8 @@
 #include <tribotwin/plugins/drive/drive.hpp>
 #include <tribotwin/plugins/friction/key.hpp>
 
-/// Private to this folder: the tables of a drive's keys, from which reading, messages and documentation follow. The
-/// parameters of laws and thermal models have their own tables.
+/// The tables of a drive's keys, from which reading, messages and documentation follow. The parameters of laws and
+/// thermal models have their own tables.
 namespace tribotwin::drive {
 
 std::span<const Key> word_keys();

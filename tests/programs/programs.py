@@ -228,6 +228,17 @@ commands = [
             stream="joint.c",
         ),
         Command(
+            "export --table",
+            ("tribotwin", "export", "{in}/params.yaml", "--table", "t.csv", "--tau-max", "1", "--gear-ratio", "100"),
+            ("t.csv",),
+            stream="t.csv",
+        ),
+        Command(
+            "export --fmu",
+            ("tribotwin", "export", "{in}/params.yaml", "--fmu", "joint.fmu", "--tau-max", "1", "--gear-ratio", "100"),
+            ("joint.fmu",),
+        ),
+        Command(
             "add-drives", ("tribotwin", "add-drives", "{in}/bare.xml", "-o", "robot.xml"), ("robot.xml", "robot.yaml")
         ),
         Command("recover", ("tribotwin", "recover", "killed"), given=("killed",)),

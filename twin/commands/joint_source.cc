@@ -15,24 +15,30 @@
 namespace tribotwin::twin::program {
 namespace {
 
-drive::Drive of_model(const JointSource& source) {
+SourcedJoint of_model(const JointSource& source) {
   const auto model = mujoco::load_file(given_or_shipped(source.file, ".xml"));
   if (!model) throw InputError(model.error().message);
   const auto drives = (*model)->drives();
   const std::vector<std::string> joints = joint_names(**model);
+  const auto sourced = [&](std::size_t i) {
+    return SourcedJoint{drives[i].drive, is_slide((*model)->get(), drives[i])};
+  };
   if (source.torque_max_nm > 0 || source.gear_ratio > 0)
     throw InputError(
         fmt::format("{}: --tau-max and --gear-ratio belong to PARAMS.yaml; a model has its own", source.file));
+  if (drives.empty())
+    throw InputError(
+        fmt::format("{}: has no tribotwin.drive; `tribotwin add-drives` gives a robot drives", source.file));
   if (source.joint.empty()) {
     if (drives.size() != 1)
       throw InputError(fmt::format("{}: has the joints {}; --joint says which", source.file, joined(joints)));
-    return drives[0].drive;
+    return sourced(0);
   }
   const auto found = std::ranges::find(joints, source.joint);
   if (found == joints.end())
     throw InputError(fmt::format("{}: --joint {}: no such joint has a drive; those are {}", source.file, source.joint,
                                  joined(joints)));
-  return drives[static_cast<std::size_t>(found - joints.begin())].drive;
+  return sourced(static_cast<std::size_t>(found - joints.begin()));
 }
 
 drive::Drive of_parameters(const JointSource& source, const std::string& name) {
@@ -55,8 +61,9 @@ drive::Drive of_parameters(const JointSource& source, const std::string& name) {
 
 }  // namespace
 
-drive::Drive drive_of(const JointSource& source, const std::string& name) {
-  return std::filesystem::path(source.file).extension() == ".xml" ? of_model(source) : of_parameters(source, name);
+SourcedJoint joint_of(const JointSource& source, const std::string& name) {
+  if (std::filesystem::path(source.file).extension() == ".xml") return of_model(source);
+  return {of_parameters(source, name), false};
 }
 
 std::string c_name(const std::string& joint) {

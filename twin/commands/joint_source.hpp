@@ -13,9 +13,14 @@ struct JointSource {
   double torque_max_nm = 0, gear_ratio = 0;  ///< where PARAMS.yaml holds none; 0: not given
 };
 
-/// Its drive, called `name`. Throws InputError where the file is wrong, std::runtime_error where no model could load
-/// its parameters.
-drive::Drive drive_of(const JointSource& source, const std::string& name);
+struct SourcedJoint {
+  drive::Drive drive;
+  bool slide = false;  ///< of a model: its angles are lengths, its torques forces
+};
+
+/// The joint, its drive called `name`. Throws InputError where the file is wrong, std::runtime_error where no model
+/// could load its parameters.
+SourcedJoint joint_of(const JointSource& source, const std::string& name);
 
 /// A name in C of a joint: what is no letter or digit becomes _.
 std::string c_name(const std::string& joint);

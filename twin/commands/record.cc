@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/plugins/drive/configuration.hpp>
-#include <tribotwin/twin/commands/joint_source.hpp>
+#include <tribotwin/twin/commands/joint_export.hpp>
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/gears/drive_elements.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
@@ -16,7 +16,6 @@
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
-#include <tribotwin/twin/portable/c_source.hpp>
 #include <tribotwin/twin/robot/native_model.hpp>
 
 namespace tribotwin::twin::program {
@@ -196,25 +195,18 @@ Result<Exit> export_elements(const std::string& file, const std::string& name, c
     if (!spring) return work_failed(fmt::format("{}: {}", file, spring.error().message));
     return deliver(spring_elements(name, *spring), output);
   }
-  return deliver(drive_elements(name, drive_of({file, "", torque_max_nm, gear_ratio}, name)), output);
-}
-
-/// The joint as a C file. Without --name its functions have the name of the model's joint.
-Result<Exit> export_c(const JointSource& source, const std::string& name, const Destination& output) {
-  const std::string prefix = name.empty() ? c_name(source.joint.empty() ? "joint" : source.joint) : name;
-  const auto text = c_source(drive_of(source, prefix), prefix);
-  if (!text) throw InputError(fmt::format("--name {}", text.error().message));
-  return deliver(*text, output);
+  return deliver(drive_elements(name, joint_of({file, "", torque_max_nm, gear_ratio}, name).drive), output);
 }
 
 struct ExportArguments {
-  std::string from, name = "joint", on_drive = "motor", joint, c_file;
+  std::string from, name = "joint", on_drive = "motor", joint, c_file, fmu_file, table_file;
+  int fmi = 2;
   Destination output;
   double torque_max_nm = 0, gear_ratio = 0, torque_noise_share = 0;
   Sensors sensors{.sampling_hz = 0};
   std::uint64_t seed = 1;
   std::optional<double> temperature_degC, speed_max_rad_s;
-  bool csv = false, mjcf = false, recording = false, native = false, mcap = false;
+  bool csv = false, mjcf = false, recording = false, native = false, mcap = false, urdf = false;
   std::string messages = "ros2";
 };
 
@@ -250,14 +242,42 @@ CLI::Option* add_mcap(CLI::App& command, std::initializer_list<CLI::Option*> oth
 }
 
 /// One joint for other tools.
-CLI::Option* add_c(CLI::App& command, std::initializer_list<CLI::Option*> others, ExportArguments& a) {
+void add_joint(CLI::App& command, std::initializer_list<CLI::Option*> others, ExportArguments& a) {
   auto* c =
       command.add_option("--c", a.c_file,
                          "C99 file to write: the joint of PARAMS.yaml or MODEL.xml for controllers, with a test of "
                          "itself (law, heat, bristles, faults)");
-  for (auto* other : others) c->excludes(other);
-  command.add_option("--joint", a.joint, "Joint of MODEL.xml for --c, where it has several")->needs(c);
-  return c;
+  auto* fmu = command.add_option("--fmu", a.fmu_file,
+                                 "FMU to write: the same joint for co-simulation, as source and, where a C compiler is "
+                                 "found, as a library; its parameters can be tuned");
+  auto* table = command.add_option("--table", a.table_file,
+                                   "CSV file to write: friction of a joint over speed, load and temperature, for "
+                                   "lookup tables");
+  for (auto* other : others) c->excludes(other), fmu->excludes(other), table->excludes(other);
+  fmu->excludes(c), table->excludes(c), table->excludes(fmu);
+  command.add_option("--fmi", a.fmi, "Version of the FMI standard for --fmu")
+      ->check(CLI::IsMember({2, 3}))
+      ->capture_default_str()
+      ->needs(fmu);
+  command.add_option("--joint", a.joint, "Joint of MODEL.xml for --c, --fmu and --table, where it has several");
+}
+
+/// The one kind of export that was asked for, with options that belong to it; its file, where it names one.
+void require_one_kind(ExportArguments& a) {
+  const bool to_file = !a.c_file.empty() || !a.fmu_file.empty() || !a.table_file.empty();
+  if (a.csv + a.mjcf + a.recording + a.native + a.mcap + a.urdf + !a.c_file.empty() + !a.fmu_file.empty() +
+          !a.table_file.empty() !=
+      1)
+    throw InputError(
+        "export needs --csv, --mcap or --recording (of a run), --mjcf (of PARAMS.yaml), --native or --urdf (of "
+        "MODEL.xml), --c FILE, --fmu FILE or --table FILE (of either)");
+  if (!to_file && !a.joint.empty())
+    throw InputError(fmt::format("--joint {}: belongs to --c, --fmu and --table", a.joint));
+  if ((a.temperature_degC || a.speed_max_rad_s) && !a.native && !a.urdf && a.table_file.empty())
+    throw InputError("--temperature and --joint-speed belong to --native, --urdf and --table");
+  if (to_file && a.output.named())
+    throw InputError(fmt::format("-o {}: --c, --fmu and --table name their file themselves", a.output.file));
+  if (to_file) a.output.file = !a.c_file.empty() ? a.c_file : !a.fmu_file.empty() ? a.fmu_file : a.table_file;
 }
 
 }  // namespace
@@ -278,7 +298,7 @@ void add_export(CLI::App& app, int& code) {
   auto* command = app.add_subcommand("export",
                                      "Export the record of a run as CSV, complete or as a controller records it, or as "
                                      "MCAP, parameters as a MuJoCo element, a model "
-                                     "without plugins, or one joint as C");
+                                     "without plugins, or one joint as C, FMU or table");
   command->add_option("FROM", a->from, "Folder of a run, PARAMS.yaml, or MODEL.xml")->required();
   auto* csv = command->add_flag("--csv", a->csv,
                                 "The samples as telemetry.csv and, where there are work cycles, these as cycles.csv");
@@ -298,22 +318,29 @@ void add_export(CLI::App& app, int& code) {
                      ->excludes(csv)
                      ->excludes(mjcf)
                      ->excludes(recording);
-  auto* mcap = add_mcap(*command, {csv, mjcf, recording, native}, *a);
-  auto* c = add_c(*command, {csv, mjcf, recording, native, mcap}, *a);
+  auto* urdf = command
+                   ->add_flag("--urdf", a->urdf,
+                              "The <dynamics> elements of a URDF for the joints of MODEL.xml: the friction of --native")
+                   ->excludes(csv)
+                   ->excludes(mjcf)
+                   ->excludes(recording)
+                   ->excludes(native);
+  auto* mcap = add_mcap(*command, {csv, mjcf, recording, native, urdf}, *a);
+  add_joint(*command, {csv, mjcf, recording, native, urdf, mcap}, *a);
   command
-      ->add_option("--temperature", a->temperature_degC,
-                   "Temperature of that friction [degC] (default: T_amb, within the range of the law)")
-      ->check(CLI::Range(-273.15, 1000.0))
-      ->needs(native);
+      ->add_option(
+          "--temperature", a->temperature_degC,
+          "Temperature of the friction of --native, --urdf and --table [degC] (default: T_amb, within the range of the "
+          "law; of --table that range)")
+      ->check(CLI::Range(-273.15, 1000.0));
   command
       ->add_option("--joint-speed,--speed", a->speed_max_rad_s,
-                   "Fastest joint speed of the fit [rad/s] (default: the end of the law's range)")
-      ->check(CLI::Range(1e-9, 1e6))
-      ->needs(native);
+                   "Fastest joint speed of the same [rad/s] (default: the end of the law's range)")
+      ->check(CLI::Range(1e-9, 1e6));
   add_sensors(*command, recording, *a);
   auto* name = command
                    ->add_option("--name", a->name,
-                                "Name of the joint, instance and actuator; with --c what all names in the file begin "
+                                "Name of the joint, instance and actuator; with --c and --fmu what all names begin "
                                 "with (default there: the joint of the model)")
                    ->capture_default_str();
   command
@@ -324,11 +351,9 @@ void add_export(CLI::App& app, int& code) {
       ->check(CLI::Range(1e-9, 1e9));
   command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")
       ->check(CLI::Range(1e-6, 1e6));
-  a->output
-      .add_to(*command,
-              "File for the elements or the recording (default: stdout), the .csv of --csv or the .mcap of --mcap "
-              "(default: beside the record)")
-      ->excludes(c);
+  a->output.add_to(*command,
+                   "File for the elements or the recording (default: stdout), the .csv of --csv or the .mcap of --mcap "
+                   "(default: beside the record)");
   a->output.add_json_to(*command);
   command->footer(
       "Example:\n  tribotwin run irb6620_hold -o runs/hold\n  tribotwin export runs/hold --csv\n  tribotwin export "
@@ -336,24 +361,25 @@ void add_export(CLI::App& app, int& code) {
       "rh380n_friction -o lab/rh380n\n  tribotwin identify --law stribeck_T lab/rh380n/curves/00[89].csv "
       "lab/rh380n/curves/01?.csv -o params.yaml\n  tribotwin export params.yaml --mjcf --tau-max 20 --gear-ratio 1\n  "
       "tribotwin export "
-      "mjcf/irb6620.xml --joint joint2 --c joint2.c");
+      "mjcf/irb6620.xml --joint joint2 --c joint2.c\n  tribotwin export mjcf/irb6620.xml --joint joint2 --fmu "
+      "joint2.fmu");
   command->callback([a, name, &code] {
-    if (a->csv + a->mjcf + a->recording + a->native + a->mcap + !a->c_file.empty() != 1)
-      throw InputError(
-          "export needs --csv, --mcap or --recording (of a run), --mjcf (of PARAMS.yaml), --native (of MODEL.xml) or "
-          "--c FILE (of either)");
-    if (!a->c_file.empty()) a->output.file = a->c_file;
+    require_one_kind(*a);
     if (!(a->csv || a->mcap) || a->output.named())
       check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
     const auto messages = a->messages == "json" ? McapMessages::json : McapMessages::ros2;
-    code = or_throw(
-        !a->c_file.empty()
-            ? export_c({a->from, a->joint, a->torque_max_nm, a->gear_ratio}, name->count() ? a->name : "", a->output)
-        : a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
-        : a->csv       ? export_record(a->from, a->output)
-        : a->mcap      ? export_messages(a->from, a->output, messages)
-        : a->native    ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
-                       : export_elements(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
+    const JointSource source{a->from, a->joint, a->torque_max_nm, a->gear_ratio};
+    const std::string prefix = name->count() ? a->name : "";
+    code = or_throw(!a->c_file.empty()       ? export_c(source, prefix, a->output)
+                    : !a->fmu_file.empty()   ? export_fmu(source, prefix, a->fmi, a->output)
+                    : !a->table_file.empty() ? export_table(source, a->temperature_degC, a->speed_max_rad_s, a->output)
+                    : a->urdf                ? export_urdf(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
+                    : a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
+                    : a->csv       ? export_record(a->from, a->output)
+                    : a->mcap      ? export_messages(a->from, a->output, messages)
+                    : a->native
+                        ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
+                        : export_elements(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
   });
 }
 

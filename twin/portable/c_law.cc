@@ -16,17 +16,53 @@ constexpr const char* shape_names[] = {"constant",  "stribeck", "load_stribeck",
                                        "quadratic", "cubic",    "power"};
 static_assert(std::size(shape_names) == shape_count);
 
+/// A number of the general law as an affine function of the law's parameters.
+struct Affine {
+  double constant = 0;
+  std::vector<double> factors;
+  bool varies() const {
+    return std::ranges::any_of(factors, [](double x) { return x != 0; });
+  }
+};
+Affine affine(const friction::LawInfo& law, double GeneralLaw::*number) {
+  std::vector<double> at(law.parameters.size(), 0.0);
+  Affine found{law.general_law(at).*number, {}};
+  for (double& x : at) {
+    x = 1;
+    found.factors.push_back(law.general_law(at).*number - found.constant);
+    x = 0;
+  }
+  return found;
+}
+
+/// Where a number of the general law lies in NAME_numbers.
+std::string member_of(double GeneralLaw::*number) {
+  for (int k = 0; k < term_count; ++k)
+    if (terms[k].number == number) return fmt::format("term[{}]", k);
+  for (int k = 0; k < shape_number_count; ++k)
+    if (shape_numbers[k].number == number) return fmt::format("shape[{}]", k);
+  return "";
+}
+
 /// Writes one law. Sums are formed in the order of formula.hpp.
 class Writer {
  public:
-  Writer(const friction::Law& law, const std::string& name) : law_(law), f_(law.general_law), name_(name) {}
+  Writer(const friction::Law& law, const std::string& name, JointNumbers numbers)
+      : law_(law), f_(law.general_law), name_(name), members_(numbers == JointNumbers::members) {}
 
   std::string text() const { return coefficients() + at() + rest() + parts(); }
 
  private:
+  /// Whether the number is not 0, or may become so.
+  bool present(double GeneralLaw::*number) const {
+    return f_.*number != 0 || (members_ && affine(*law_.info, number).varies());
+  }
+  std::string number(double GeneralLaw::*number) const {
+    return members_ && affine(*law_.info, number).varies() ? "s->n." + member_of(number) : c_number(f_.*number);
+  }
   bool has(Shape shape, int load) const {
     return std::ranges::any_of(terms,
-                               [&](const Term& t) { return t.shape == shape && t.load == load && f_.*t.number != 0; });
+                               [&](const Term& t) { return t.shape == shape && t.load == load && present(t.number); });
   }
   bool has(Shape shape) const { return has(shape, 0) || has(shape, 1); }
   bool has_loads() const {
@@ -40,8 +76,8 @@ class Writer {
   bool fades() const { return has(stribeck) || has(load_stribeck); }
 
   /// number * factor * T^degree, in this order.
-  static std::string product(double number, const char* factor, int degree) {
-    std::string text = c_number(number);
+  std::string product(double GeneralLaw::*of, const char* factor, int degree) const {
+    std::string text = number(of);
     if (factor[0]) text += fmt::format(" * {}", factor);
     for (int k = 0; k < degree; ++k) text += " * T";
     return text;
@@ -49,18 +85,18 @@ class Writer {
   std::string quantity(Quantity wanted, const char* factor) const {
     std::string sum;
     for (const ShapeNumber& row : shape_numbers)
-      if (row.quantity == wanted && f_.*row.number != 0)
-        sum += (sum.empty() ? "" : " + ") + product(f_.*row.number, factor, row.degree);
+      if (row.quantity == wanted && present(row.number))
+        sum += (sum.empty() ? "" : " + ") + product(row.number, factor, row.degree);
     return sum.empty() ? "0.0" : sum;
   }
   std::string amplitude_sum(Shape shape, int load) const {
     std::string sum;
     for (const Term& term : terms) {
-      if (term.shape != shape || term.load != load || f_.*term.number == 0) continue;
+      if (term.shape != shape || term.load != load || !present(term.number)) continue;
       const char* factor = shape_infos[shape].weakening ? "boundary" : "viscous";
       sum += sum.empty() ? "" : " + ";
-      sum += term.heat == vogel ? product(f_.*term.number, factor, 0) + " * thinned"
-                                : product(f_.*term.number, factor, static_cast<int>(term.heat));
+      sum += term.heat == vogel ? product(term.number, factor, 0) + " * thinned"
+                                : product(term.number, factor, static_cast<int>(term.heat));
     }
     return sum;
   }
@@ -72,11 +108,12 @@ class Writer {
     if (has(stribeck)) s += "  double vs_power;\n";
     if (has(load_stribeck)) s += "  double vl_power;\n";
     if (has(power)) s += "  double beta;\n";
+    if (members_) s += std::string(fades() ? "  double alpha;\n" : "") + "  double asymmetry;\n";
     return s + fmt::format("  int outside;\n}} {}_coefficients;\n\n", name_);
   }
 
   bool vogel_term() const {
-    return std::ranges::any_of(terms, [&](const Term& t) { return t.heat == vogel && f_.*t.number != 0; });
+    return std::ranges::any_of(terms, [&](const Term& t) { return t.heat == vogel && present(t.number); });
   }
   /// What T is confined to, and whether it lies outside.
   std::string confinement() const {
@@ -108,12 +145,12 @@ class Writer {
     if (weakens()) s += "  const double boundary = 1.0 + s->boundary;\n";
     if (fades()) s += "  const double velocity = 1.0 + s->stribeck_velocity;\n";
     if (strengthens()) s += "  const double viscous = 1.0 + s->viscous;\n";
-    if (vogel_term()) s += fmt::format("  const double thinned = exp(-T / {});\n", c_number(f_.T_V));
-    if (f_.s_T != 0)
+    if (vogel_term()) s += fmt::format("  const double thinned = exp(-T / {});\n", number(&GeneralLaw::T_V));
+    if (present(&GeneralLaw::s_T))
       s += fmt::format(
           "  const double warmth = 1.0 + {} * (T - {});\n  const double scale = warmth > 0.0 ? warmth : 0.0;\n",
-          c_number(f_.s_T), c_number(f_.s_T0));
-    if (s.empty()) s = "  (void)s;\n";
+          number(&GeneralLaw::s_T), number(&GeneralLaw::s_T0));
+    if (s.empty() && !members_) s = "  (void)s;\n";
     return s;
   }
   std::string at() const {
@@ -127,10 +164,12 @@ class Writer {
       for (const int load : {0, 1})
         if (const Shape shape = static_cast<Shape>(i); has(shape, load)) {
           const std::string sum = amplitude_sum(shape, load);
-          s += f_.s_T != 0 ? fmt::format("  c->{} = scale * ({});\n", member(shape, load), sum)
-                           : fmt::format("  c->{} = {};\n", member(shape, load), sum);
+          s += present(&GeneralLaw::s_T) ? fmt::format("  c->{} = scale * ({});\n", member(shape, load), sum)
+                                         : fmt::format("  c->{} = {};\n", member(shape, load), sum);
         }
-    const std::string alpha = c_number(-f_.alpha);
+    if (members_) s += "  c->asymmetry = s->p.asymmetry;\n";
+    if (members_ && fades()) s += fmt::format("  c->alpha = {};\n", number(&GeneralLaw::alpha));
+    const std::string alpha = members_ ? "-c->alpha" : c_number(-f_.alpha);
     if (has(stribeck))
       s += fmt::format("  c->vs_power = pow(fabs({}), {});\n", quantity(stribeck_velocity, "velocity"), alpha);
     if (has(load_stribeck))
@@ -197,7 +236,8 @@ class Writer {
     s += inside.empty() ? "  *outside = c->outside;\n"
                         : fmt::format("  *outside = c->outside || !({});\n", fmt::join(inside, " && "));
     s += fmt::format("  if (!(v > 0.0)) {{\n    *g = {}_at_rest(c, l);\n    *h = 0.0;\n    return;\n  }}\n", name_);
-    if (fades()) s += fmt::format("  {{\n    const double v_alpha = pow(v, {});\n", c_number(f_.alpha));
+    if (fades())
+      s += fmt::format("  {{\n    const double v_alpha = pow(v, {});\n", members_ ? "c->alpha" : c_number(f_.alpha));
     const char* indent = fades() ? "    " : "  ";
     if (has(constant)) s += fmt::format("{}weak = {};\n", indent, amplitude(constant));
     if (has(stribeck))
@@ -216,6 +256,7 @@ class Writer {
   const friction::Law& law_;
   const GeneralLaw& f_;
   const std::string& name_;
+  const bool members_;
 };
 
 }  // namespace
@@ -226,6 +267,34 @@ std::string c_number(double x) {
   return x < 0 ? "(" + text + ")" : text;
 }
 
-std::string c_law(const friction::Law& law, const std::string& name) { return Writer(law, name).text(); }
+std::string c_law(const friction::Law& law, const std::string& name, JointNumbers numbers) {
+  return Writer(law, name, numbers).text();
+}
+
+std::string c_law_members() {
+  return fmt::format("  double term[{}], shape[{}]; /* of the general law */\n", term_count, shape_number_count);
+}
+
+std::string c_law_changed(const friction::LawInfo& law) {
+  std::string text;
+  const auto add = [&](double GeneralLaw::*number) {
+    const Affine of = affine(law, number);
+    if (!of.varies()) return;
+    std::string above, below;  // what is added is written first
+    for (std::size_t i = 0; i < of.factors.size(); ++i) {
+      const double factor = of.factors[i];
+      if (factor == 0) continue;
+      const std::string times = std::abs(factor) == 1 ? "" : c_number(std::abs(factor)) + " * ";
+      (factor > 0 ? above : below) +=
+          fmt::format("{}{}s->p.{}", factor > 0 ? (above.empty() ? "" : " + ") : " - ", times, law.parameters[i].name);
+    }
+    if (of.constant != 0) above += (above.empty() ? "" : " + ") + c_number(of.constant);
+    if (above.empty()) below.erase(0, 1), below.erase(1, 1);  // "-x" for " - x"
+    text += fmt::format("  s->n.{} = {}{};\n", member_of(number), above, below);
+  };
+  for (const Term& term : terms) add(term.number);
+  for (const ShapeNumber& row : shape_numbers) add(row.number);
+  return text;
+}
 
 }  // namespace tribotwin::twin

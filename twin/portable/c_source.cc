@@ -9,6 +9,7 @@
 #include <tribotwin/plugins/drive/slide.hpp>
 #include <tribotwin/twin/portable/c_law.hpp>
 #include <tribotwin/twin/portable/c_source.hpp>
+#include <tribotwin/twin/portable/joint_parameters.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -29,25 +30,12 @@ bool is_identifier(const std::string& name) {
          std::ranges::all_of(name, letter) && std::ranges::find(keywords, name) == std::end(keywords);
 }
 
-std::string upper(std::string text) {
-  std::ranges::transform(text, text.begin(), [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
-  return text;
-}
-
-/// Replaces the words @NAME@ of a text.
-std::string filled(std::string text, const std::vector<std::pair<std::string, std::string>>& words) {
-  for (const auto& [word, value] : words)
-    for (std::size_t at = 0; (at = text.find(word, at)) != text.npos; at += value.size())
-      text.replace(at, word.size(), value);
-  return text;
-}
-
 constexpr const char* head =
-    R"(/* A robot joint: friction over speed, load and temperature, and its heat. Written by `tribotwin export --c`.
+    R"(/* A robot joint: friction over speed, load and temperature, and its heat. Written by `tribotwin export`.
  *
  *   law @LAW@: @EQUATION@
  *   from: @SOURCE@
- *   torque_max_nm @TORQUE_MAX@, gear ratio @GEAR@, friction @DYNAMICS@, thermal model @THERMAL@
+ *   torque_max_nm @TORQUE_MAX_NOW@, gear ratio @GEAR_NOW@, friction @DYNAMICS@, thermal model @THERMAL@
  *   validity: @VALIDITY@
  *
  * C99; no heap, no static data that changes. Of libm it uses @LIBM@. It does what drive::slide of tribotwin does, in
@@ -72,7 +60,7 @@ constexpr const char* declarations = R"(#ifndef @UPPER@_STATE
 extern "C" {
 #endif
 
-typedef struct {
+@PARAMETERS@typedef struct {
   /* Inputs: 0 after @NAME@_init, set from outside between steps. */
   double ambient_K;         /* surroundings above T_amb, @T_AMB@ degC [K] */
   double boundary;          /* faults: relative change of boundary friction, above -1, */
@@ -96,7 +84,7 @@ typedef struct {
   double limit_nm;          /* up to which friction holds the joint [Nm] */
   double heat_J;            /* since @NAME@_init [J] */
   int outside;              /* not 0: an input lay outside the range of the law, or was no number */
-} @NAME@_state;
+@MEMBERS@} @NAME@_state;
 
 /* At rest, healthy, at T_amb. */
 void @NAME@_init(@NAME@_state *s);
@@ -111,7 +99,7 @@ double @NAME@_temperature(const @NAME@_state *s);
  * Returns the friction [Nm]; at speed 0 that of the bristles, or 0: limit_nm then holds the joint. Heat and temperature
  * advance by the step. A dt_s that is not above 0 advances nothing. Inputs that are no numbers count as 0. */
 double @NAME@_step(@NAME@_state *s, double speed_rad_s, double load_nm, double dt_s);
-
+@CHANGED_DECLARATION@
 #ifdef __cplusplus
 }
 #endif
@@ -143,9 +131,9 @@ static double @NAME@_fade(double x)
 )";
 
 constexpr const char* turning = R"(/* A factor of friction: it differs between the directions of motion. */
-static double @NAME@_turning(double w)
+static double @NAME@_turning(double asymmetry, double w)
 {
-  return 1.0 + (w > 0.0 ? @ASYMMETRY@ : (w < 0.0 ? -@ASYMMETRY@ : @STRONGER@));
+  return 1.0 + (w > 0.0 ? asymmetry : (w < 0.0 ? -asymmetry : fabs(asymmetry)));
 }
 
 )";
@@ -212,9 +200,9 @@ constexpr const char* set_up = R"(void @NAME@_init(@NAME@_state *s)
 {
   static const @NAME@_state fresh = {0};
   *s = fresh;
-  s->temperature_degC = @T_AMB@;
+@DEFAULTS@  s->temperature_degC = @T_AMB@;
 }
-
+@CHANGED@
 double @NAME@_temperature(const @NAME@_state *s)
 {
   return @T_AMB@ + (s->node_K[0] + s->node_K[1]);
@@ -277,7 +265,7 @@ constexpr const char* lugre_limit = R"(  {
       g = total;
       h = 0.0;
     }
-    most = @NAME@_most(&c, l, g, bent, ripple);
+    most = @NAME@_most(&c, @SIGMA0@, l, g, bent, ripple);
     z = @NAME@_within(bent, -most, most);
     rate = g > 0.0 ? w - fabs(w) * z * @SIGMA0@ / g : 0.0;
     applied = (@SIGMA0@ * z + @SIGMA1@ * exp(-(w / @VD@) * (w / @VD@)) * rate)@SCALE@;
@@ -286,11 +274,11 @@ constexpr const char* lugre_limit = R"(  {
 )";
 
 constexpr const char* lugre_most = R"(/* The largest deflection of the bristles at this load and temperature. */
-static double @NAME@_most(const @NAME@_coefficients *c, double l, double g, double z, double ripple)
+static double @NAME@_most(const @NAME@_coefficients *c, double sigma0, double l, double g, double z, double ripple)
 {
   const double holds = @NAME@_at_rest(c, @L@) * ripple@TURNING_Z@;
   (void)z;
-  return (g < holds ? holds : g) / @SIGMA0@;
+  return (g < holds ? holds : g) / sigma0;
 }
 
 )";
@@ -301,7 +289,7 @@ constexpr const char* lugre_end = R"(  {
     @NAME@_level(&c, w, l, &g, &h, &ignored);
     if (!(h >= 0.0)) g = g + h;
     g *= ripple;
-    most = @NAME@_most(&c, l, g, s->bristle, ripple);
+    most = @NAME@_most(&c, @SIGMA0@, l, g, s->bristle, ripple);
     z = @NAME@_within(s->bristle, -most, most);
     if (g > 0.0)
       z = @NAME@_advance(z, w, g / @SIGMA0@, dt_s);
@@ -341,39 +329,62 @@ std::string joined_numbers(std::span<const double> values) {
   return text;
 }
 
-/// " * x", or nothing where x is 1.
-std::string times(double x) { return x == 1 ? "" : " * " + c_number(x); }
+/// The numbers of a drive as C: literals, or members of the state.
+struct Written {
+  const Drive& drive;
+  bool members;
+  std::string operator()(std::string_view name, double value) const {
+    return members ? fmt::format("s->p.{}", name) : c_number(value);
+  }
+  /// " * x", or nothing where x is 1 and stays so.
+  std::string times(bool applies, std::string_view name, double value) const {
+    return !applies || (!members && value == 1) ? "" : " * " + (*this)(name, value);
+  }
+  bool asymmetric() const { return members || drive.asymmetry != 0; }
+  /// Of node i: time constant [s], steady rise [K/W], share of the ambient temperature.
+  std::string node(const char* what, int i, double value) const {
+    return members ? fmt::format("s->n.{}[{}]", what, i) : c_number(value);
+  }
+};
 
-std::string heat(const Drive& d) {
+std::string heat(const Written& number) {
+  const Drive& d = number.drive;
   if (d.thermal.order == thermal::Order::prescribed) return "";
   const int nodes = thermal::info(d.thermal.order).nodes;
   std::string fresh, moved;
   for (int i = 0; i < nodes; ++i) {
-    fresh += fmt::format("    s->decay[{0}] = -expm1(-dt_s / {1});\n", i, c_number(d.thermal.t_s[i]));
+    fresh += fmt::format("    s->decay[{0}] = -expm1(-dt_s / {1});\n", i, number.node("t_s", i, d.thermal.t_s[i]));
     moved += fmt::format("  s->node_K[{0}] += ({1} * power + {2} * s->ambient_K - s->node_K[{0}]) * s->decay[{0}];\n",
-                         i, c_number(d.thermal.gain_K_J[i] * d.thermal.t_s[i]), c_number(d.thermal.share(i)));
+                         i, number.node("rise_K_W", i, d.thermal.gain_K_J[i] * d.thermal.t_s[i]),
+                         number.node("share", i, d.thermal.share(i)));
   }
   return "  if (s->dt_s < dt_s || s->dt_s > dt_s) {\n" + fresh + "    s->dt_s = dt_s;\n  }\n" + moved;
 }
 
-std::string load(const Drive& d) {
+std::string load(const Written& number) {
+  const Drive& d = number.drive;
+  if (number.members)
+    return "  if (!(s->p.load_filter_s > 0.0))\n    s->load_nm = load;\n  else if (advances)\n"
+           "    s->load_nm += (load - s->load_nm) * -expm1(-dt_s / s->p.load_filter_s);";
   if (!(d.load_filter_s > 0)) return "  s->load_nm = load;";
   return fmt::format("  if (advances) s->load_nm += (load - s->load_nm) * -expm1(-dt_s / {});",
                      c_number(d.load_filter_s));
 }
 
 /// Law, load table and direction together.
-std::string level(const Drive& d) {
+std::string level(const Written& number) {
+  const Drive& d = number.drive;
+  const bool turns = number.asymmetric();
   std::string s =
       "static void @NAME@_level(const @NAME@_coefficients *c, double w, double l, double *g, double *h, int *outside)\n"
       "{\n";
   if (!d.load_table.values.empty()) s += "  double extra, total;\n";
-  if (d.asymmetry != 0) s += "  const double turning = @NAME@_turning(w);\n";
+  if (turns) s += "  const double turning = @NAME@_turning(@ASYMMETRY_C@, w);\n";
   s += "  @NAME@_law(c, w, l, g, h, outside);\n";
   if (!d.load_table.values.empty())
     s += "  extra = @NAME@_table(w, l);\n  total = *g + *h + extra;\n  total = total < 0.0 ? 0.0 : total;\n"
          "  *g += extra;\n  *g = *g < 0.0 ? 0.0 : *g;\n  *h = total - *g;\n";
-  if (d.asymmetry != 0) s += "  *g *= turning;\n  *h *= turning;\n";
+  if (turns) s += "  *g *= turning;\n  *h *= turning;\n";
   return s + "}\n\n";
 }
 
@@ -391,55 +402,123 @@ std::string values_of(const drive::LoadTable& t) {
   return rows;
 }
 
-/// What stands for the words of the texts above.
-std::vector<std::pair<std::string, std::string>> words(const Drive& d, const std::string& name) {
-  const double a = d.asymmetry;
+/// Of JointNumbers::members: what holds the numbers, and what follows from them.
+struct Members {
+  std::string parameters, state, defaults, declaration, changed;
+};
+/// `place` of a thermal model (thermal.cc): t_s and gain_K_J of its nodes.
+std::string placed(thermal::Order order) {
+  switch (order) {
+    case thermal::Order::prescribed:
+      return "";
+    case thermal::Order::first:
+      return "  gain_K_J[0] = s->p.R_th / s->p.kappa;\n  s->n.t_s[0] = s->p.kappa;\n";
+    case thermal::Order::second:
+      return "  gain_K_J[0] = s->p.c1;\n  gain_K_J[1] = s->p.c2;\n  s->n.t_s[0] = s->p.t1;\n  s->n.t_s[1] = s->p.t2;\n";
+  }
+  return "";
+}
+std::string nodes_changed(thermal::Order order) {
+  if (order == thermal::Order::prescribed) return "";
+  std::string all, total;
+  const int nodes = thermal::info(order).nodes;
+  for (int i = 0; i < nodes; ++i) {
+    all += fmt::format("  s->n.rise_K_W[{0}] = gain_K_J[{0}] * s->n.t_s[{0}];\n", i);
+    total += fmt::format("{}s->n.rise_K_W[{}]", i ? " + " : "", i);
+  }
+  all += fmt::format("  total = {};\n", total);
+  for (int i = 0; i < nodes; ++i) all += fmt::format("  s->n.share[{0}] = s->n.rise_K_W[{0}] / total;\n", i);
+  return placed(order) + all + "  s->dt_s = 0.0;\n";
+}
+Members members_of(const Drive& d) {
+  Members m;
+  std::string list;
+  for (const JointParameter& p : joint_parameters(d)) {
+    list += fmt::format("  double {};\n", p.name);
+    m.defaults += fmt::format("  s->p.{} = {};\n", p.name, c_number(p.value));
+  }
+  m.defaults += "  @NAME@_changed(s);\n";
+  const bool heats = d.thermal.order != thermal::Order::prescribed;
+  m.parameters = "/* What may change between steps; call @NAME@_changed after it. */\ntypedef struct {\n" + list +
+                 "} @NAME@_parameters;\n\n/* What follows from them. */\ntypedef struct {\n" + c_law_members() +
+                 (heats ? "  double t_s[2], rise_K_W[2], share[2]; /* of the nodes of heat */\n" : "") +
+                 "} @NAME@_numbers;\n\n";
+  m.state = "\n  @NAME@_parameters p;\n  @NAME@_numbers n;\n";
+  m.declaration = "\n/* After parameters have changed. */\nvoid @NAME@_changed(@NAME@_state *s);\n";
+  m.changed = "\nvoid @NAME@_changed(@NAME@_state *s)\n{\n" +
+              std::string(heats ? "  double gain_K_J[2], total;\n" : "") + c_law_changed(*d.law.info) +
+              nodes_changed(d.thermal.order) + "}\n";
+  return m;
+}
+
+std::string bristle_end(Dynamics dynamics) {
+  return dynamics == Dynamics::lugre ? lugre_end : dynamics == Dynamics::gear_loss ? loss_end : "";
+}
+
+/// What stands for the words of the texts above: the numbers of the drive.
+std::vector<std::pair<std::string, std::string>> number_words(const Written& number) {
+  const Drive& d = number.drive;
   const auto& t = d.thermal;
-  const bool lugre = d.dynamics == Dynamics::lugre;
-  return {{"@LOAD@", load(d)},
-          {"@HEAT@", heat(d)},
-          {"@BRISTLE@", lugre                               ? lugre_end
-                        : d.dynamics == Dynamics::gear_loss ? loss_end
-                                                            : ""},
-          {"@Z@", lugre ? "  double z, most, rate;" : ""},
-          {"@LAW@", std::string(d.law.info->name)},
-          {"@EQUATION@", std::string(d.law.info->equation)},
-          {"@SOURCE@", std::string(d.law.info->source)},
-          {"@TORQUE_MAX@", c_number(d.torque_max_nm)},
-          {"@GEAR@", c_number(d.gear_ratio)},
-          {"@DYNAMICS@", dynamics_name(d)},
-          {"@THERMAL@", std::string(thermal::name(t.order))},
-          {"@VALIDITY@", validity_text(d.law)},
-          {"@OFFSET@", fmt::format("{}", d.offset_nm)},
-          {"@T_AMB@", c_number(t.T_amb_degC)},
-          {"@RISE_0@", t.order == thermal::Order::prescribed ? "rise" : fmt::format("rise * {}", c_number(t.share(0)))},
-          {"@RISE_1@", t.order == thermal::Order::second ? fmt::format("rise * {}", c_number(t.share(1))) : "0.0"},
-          {"@ASYMMETRY@", c_number(a)},
-          {"@STRONGER@", c_number(std::abs(a))},
-          {"@TURNING_Z@", a != 0 ? " * @NAME@_turning(z)" : ""},
-          {"@OVER_TURNING@", a != 0 ? " / @NAME@_turning(speed)" : ""},
-          {"@FACTOR_Z@", a != 0 ? fmt::format(" * (1.0 + {} * z)", c_number(a)) : ""},
-          {"@L@", d.law.info->load_dependent
-                      ? fmt::format("@NAME@_within(fabs(l), 0.0, {})", c_number(friction::held_range(d.law).load_max))
-                      : "l"},
-          {"@SPEED_SCALE@", times(d.speed_scale())},
-          {"@SCALE@", times(d.torque_scale_nm())},
-          {"@SIGMA0@", c_number(d.bristles.sigma0)},
-          {"@SIGMA1@", c_number(d.bristles.sigma1)},
-          {"@VD@", c_number(d.bristles.vd)},
-          {"@MU_AVG@", c_number(d.gear_loss.mu_avg)},
-          {"@MU_DIF@", c_number(d.gear_loss.mu_dif)},
-          {"@LENGTH@", c_number(d.gear_loss.length_rad)},
-          {"@SPEED_MAX@", c_number(drive::slide_speed_max_rad_s)},
-          {"@LOAD_MAX@", c_number(drive::slide_load_max_nm)},
-          {"@DT_MAX@", c_number(drive::slide_dt_max_s)},
-          {"@ROWS@", fmt::format("{}", d.load_table.speeds_rad_s.size())},
-          {"@COLUMNS@", fmt::format("{}", d.load_table.loads.size())},
-          {"@SPEEDS@", joined_numbers(d.load_table.speeds_rad_s)},
-          {"@LOADS@", joined_numbers(d.load_table.loads)},
-          {"@VALUES@", values_of(d.load_table)},
-          {"@UPPER@", upper(name)},
-          {"@NAME@", name}};
+  const bool turns = number.asymmetric(), motor = d.law.info->side == friction::Side::motor;
+  return {
+      {"@T_AMB@", c_number(t.T_amb_degC)},
+      {"@RISE_0@", t.order == thermal::Order::prescribed ? "rise" : "rise * " + number.node("share", 0, t.share(0))},
+      {"@RISE_1@", t.order == thermal::Order::second ? "rise * " + number.node("share", 1, t.share(1)) : "0.0"},
+      {"@TURNING_Z@", turns ? " * @NAME@_turning(@ASYMMETRY_C@, z)" : ""},
+      {"@OVER_TURNING@", turns ? " / @NAME@_turning(@ASYMMETRY@, speed)" : ""},
+      {"@FACTOR_Z@", turns ? " * (1.0 + @ASYMMETRY@ * z)" : ""},
+      {"@ASYMMETRY_C@", number.members ? "c->asymmetry" : c_number(d.asymmetry)},
+      {"@ASYMMETRY@", number("asymmetry", d.asymmetry)},
+      {"@L@", d.law.info->load_dependent
+                  ? fmt::format("@NAME@_within(fabs(l), 0.0, {})", c_number(friction::held_range(d.law).load_max))
+                  : "l"},
+      {"@TORQUE_MAX@", number("torque_max_nm", d.torque_max_nm)},
+      {"@GEAR@", number("gear_ratio", d.gear_ratio)},
+      {"@SPEED_SCALE@", number.times(motor, "gear_ratio", d.gear_ratio)},
+      {"@SCALE@", number.times(d.law.info->normalised, "torque_max_nm", d.torque_max_nm)},
+      {"@SIGMA0@", number("sigma0", d.bristles.sigma0)},
+      {"@SIGMA1@", number("sigma1", d.bristles.sigma1)},
+      {"@VD@", number("vd", d.bristles.vd)},
+      {"@MU_AVG@", number("mu_avg", d.gear_loss.mu_avg)},
+      {"@MU_DIF@", number("mu_dif", d.gear_loss.mu_dif)},
+      {"@LENGTH@", number("h", d.gear_loss.length_rad)},
+      {"@ROWS@", fmt::format("{}", d.load_table.speeds_rad_s.size())},
+      {"@COLUMNS@", fmt::format("{}", d.load_table.loads.size())},
+      {"@SPEEDS@", joined_numbers(d.load_table.speeds_rad_s)},
+      {"@LOADS@", joined_numbers(d.load_table.loads)},
+      {"@VALUES@", values_of(d.load_table)}};
+}
+
+/// The same for parts of the text and for names.
+std::vector<std::pair<std::string, std::string>> words(const Written& number, const std::string& name) {
+  const Drive& d = number.drive;
+  const Members m = number.members ? members_of(d) : Members{};
+  std::vector<std::pair<std::string, std::string>> all = {
+      {"@LOAD@", load(number)},
+      {"@HEAT@", heat(number)},
+      {"@BRISTLE@", bristle_end(d.dynamics)},
+      {"@PARAMETERS@", m.parameters},
+      {"@MEMBERS@", m.state},
+      {"@DEFAULTS@", m.defaults},
+      {"@CHANGED_DECLARATION@", m.declaration},
+      {"@CHANGED@", m.changed},
+      {"@Z@", d.dynamics == Dynamics::lugre ? "  double z, most, rate;" : ""},
+      {"@LAW@", std::string(d.law.info->name)},
+      {"@EQUATION@", std::string(d.law.info->equation)},
+      {"@SOURCE@", std::string(d.law.info->source)},
+      {"@TORQUE_MAX_NOW@", c_number(d.torque_max_nm)},
+      {"@GEAR_NOW@", c_number(d.gear_ratio)},
+      {"@DYNAMICS@", dynamics_name(d)},
+      {"@THERMAL@", std::string(thermal::name(d.thermal.order))},
+      {"@VALIDITY@", validity_text(d.law)},
+      {"@OFFSET@", fmt::format("{}", d.offset_nm)},
+      {"@SPEED_MAX@", c_number(drive::slide_speed_max_rad_s)},
+      {"@LOAD_MAX@", c_number(drive::slide_load_max_nm)},
+      {"@DT_MAX@", c_number(drive::slide_dt_max_s)}};
+  for (auto& word : number_words(number)) all.push_back(std::move(word));
+  all.emplace_back("@UPPER@", c_upper(name));
+  all.emplace_back("@NAME@", name);
+  return all;
 }
 
 /// The functions of libm that a text calls.
@@ -523,19 +602,33 @@ int main(void)
 
 #endif
 )",
-                {{"@ROWS@", rows}, {"@UPPER@", upper(name)}, {"@NAME@", name}});
+                {{"@ROWS@", rows}, {"@UPPER@", c_upper(name)}, {"@NAME@", name}});
 }
 
 }  // namespace
 
-Result<std::string> c_source(const Drive& d, const std::string& name) {
+std::string c_upper(std::string text) {
+  std::ranges::transform(text, text.begin(), [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+  return text;
+}
+
+std::string filled(std::string text, const std::vector<std::pair<std::string, std::string>>& words) {
+  for (const auto& [word, value] : words)
+    for (std::size_t at = 0; (at = text.find(word, at)) != text.npos; at += value.size())
+      text.replace(at, word.size(), value);
+  return text;
+}
+
+Result<std::string> c_source(const Drive& d, const std::string& name, JointNumbers numbers) {
   if (!is_identifier(name))
     return tl::unexpected(fmt::format(
         "the name '{}' becomes part of C: use letters, digits and _, a letter first, at most 40, no keyword", name));
-  const auto all = words(d, name);
+  const Written number{d, numbers == JointNumbers::members};
+  const auto all = words(number, name);
   const std::string last =
       (d.dynamics == Dynamics::lugre ? lugre_most : std::string()) + set_up + step_head + limit(d) + step_tail;
-  const std::string main = filled(filled(c_law(d.law, name) + level(d) + last, all), {{"\n\n\n", "\n\n"}});
+  const std::string main =
+      filled(filled(c_law(d.law, name, numbers) + level(number) + last, all), {{"\n\n\n", "\n\n"}});
   std::string helpers;
   const auto helper = [&](const char* text, const char* called) {
     const std::string whole = filled(text, all);

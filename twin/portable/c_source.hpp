@@ -10,8 +10,15 @@
 /// the results are the same doubles.
 namespace tribotwin::twin {
 
+/// Where the numbers of the joint stand.
+enum class JointNumbers {
+  literal,  ///< in the text of the file: none can change
+  members,  ///< in its state: those of `joint_parameters` may change between steps
+};
+
 /// `name` is the prefix of everything in the file and becomes part of C: letters, digits and _, no keyword. Fails where
 /// it cannot.
-Result<std::string> c_source(const drive::Drive& drive, const std::string& name);
+Result<std::string> c_source(const drive::Drive& drive, const std::string& name,
+                             JointNumbers numbers = JointNumbers::literal);
 
 }  // namespace tribotwin::twin

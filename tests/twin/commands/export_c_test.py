@@ -52,6 +52,8 @@ check("--json", made.returncode == 0 and json.loads(made.stdout) == {"files": ["
 
 refuse = lambda name, says, *arguments: check_refused(name, run(program, "export", *arguments), says)
 refuse("a file that exists", "exists", model, "--joint", "joint2", "--c", "joint2.c")
+bare = os.path.join(source, "mjcf/xl330_native.xml")
+refuse("no drives", ["has no tribotwin.drive", "add-drives"], bare, "--c", "x.c")
 refuse("several joints", "--joint says which", model, "--c", "x.c")
 refuse("no such joint", ["elbow", "joint2"], model, "--joint", "elbow", "--c", "x.c")
 refuse("a name that is none in C", "becomes part of C", model, "--joint", "joint2", "--name", "2nd", "--c", "x.c")

@@ -1,93 +1,17 @@
 #include <array>
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
-#include <fstream>
-#include <random>
 
+#include "joints.hpp"
 #include <dlfcn.h>
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <tribotwin/plugins/drive/configuration.hpp>
-#include <tribotwin/plugins/drive/fault.hpp>
-#include <tribotwin/plugins/drive/slide.hpp>
 #include <tribotwin/twin/portable/c_source.hpp>
+#include <tribotwin/twin/portable/joint_parameters.hpp>
 
 namespace tribotwin::twin {
 namespace {
-
-using drive::Configuration, drive::Drive;
-using Random = std::mt19937_64;
-
-double uniform(Random& random, double low, double high) {
-  return std::uniform_real_distribution<double>(low, high)(random);
-}
-bool coin(Random& random) { return random() & 1; }
-
-/// A value that a parameter may have, of any size that a joint may have.
-double value_of(const friction::Parameter& p, Random& random) {
-  const double size = std::pow(10, uniform(random, -4, 1.5));
-  return std::clamp(p.minimum < 0 && random() % 3 == 0 ? -size : size, p.minimum, p.maximum);
-}
-
-Configuration keys_of(const friction::LawInfo& law, Random& random) {
-  Configuration keys{{"law", std::string(law.name)}};
-  const auto add = [&](std::string_view key, double value) { keys.emplace_back(key, fmt::format("{}", value)); };
-  for (const auto& p : law.parameters) add(p.name, value_of(p, random));
-  add("torque_max_nm", uniform(random, 1, 1e4)), add("gear_ratio", uniform(random, 1, 300));
-  add("T_amb", uniform(random, -10, 60));
-  if (coin(random)) keys.emplace_back("validity", "extrapolate");
-  if (coin(random)) add("asymmetry", uniform(random, -0.5, 0.5));
-  if (coin(random)) add("load_filter_s", uniform(random, 1e-3, 1));
-  add("offset_nm", uniform(random, -3, 3));
-  switch (random() % 3) {
-    case 0:
-      keys.emplace_back("thermal", "prescribed");
-      break;
-    case 1:
-      keys.emplace_back("thermal", "first_order");
-      add("R_th", uniform(random, 1e-3, 1)), add("kappa", uniform(random, 1, 1e4));
-      break;
-    default:
-      keys.emplace_back("thermal", "second_order");
-      for (const char* c : {"c1", "c2"}) add(c, uniform(random, 1e-6, 1e-4));
-      for (const char* t : {"t1", "t2"}) add(t, uniform(random, 1, 1e4));
-  }
-  if (coin(random)) {
-    keys.emplace_back("load_table_speeds", "0 3.5 90");
-    keys.emplace_back("load_table_loads", "-0.7 -0.1 0.2 0.9");
-    keys.emplace_back("load_table_values", "0.1 0 0.01 0.2 0.1 0.05 0 -0.01 0.03 0.02 0.01 0.3");
-  }
-  return keys;
-}
-
-void add_dynamics(Configuration& keys, unsigned which, Random& random) {
-  const auto add = [&](std::string_view key, double value) { keys.emplace_back(key, fmt::format("{}", value)); };
-  if (which == 1) {
-    keys.emplace_back("friction", "lugre");
-    add("sigma0", uniform(random, 1, 100)), add("sigma1", 1e-3), add("vd", uniform(random, 1e-3, 1));
-  } else if (which == 2) {
-    keys.emplace_back("friction", "gear_loss");
-    add("mu_avg", uniform(random, 0.1, 0.3)), add("mu_dif", uniform(random, -0.1, 0.1));
-    add("h", uniform(random, 1e-3, 1));
-  }
-}
-
-/// Drives of every law of the table, of every dynamics, whatever else a drive may have; the same for the same seed.
-std::vector<Drive> drives(unsigned per_kind) {
-  Random random(20261125);
-  std::vector<Drive> all;
-  for (const auto& law : friction::laws())
-    for (unsigned dynamics = 0; dynamics < 3; ++dynamics)
-      for (unsigned n = 0, tries = 0; n < per_kind && tries < 200'000; ++tries) {
-        Configuration keys = keys_of(law, random);
-        add_dynamics(keys, dynamics, random);
-        if (auto made = drive::make_drive("joint", keys)) all.push_back(std::move(*made)), ++n;
-      }
-  return all;
-}
 
 /// The state of a joint as its C file declares it.
 struct CState {
@@ -96,40 +20,24 @@ struct CState {
   double temperature_degC, friction_nm, limit_nm, heat_J;
   int outside;
 };
-
-class Folder {
- public:
-  Folder() {
-    std::string name = (std::filesystem::temp_directory_path() / "tribotwin_c_XXXXXX").string();
-    path_ = mkdtemp(name.data());
-  }
-  ~Folder() { std::filesystem::remove_all(path_); }
-  std::filesystem::path file(const std::string& name) const { return path_ / name; }
-  void write(const std::string& name, const std::string& text) const { std::ofstream(file(name)) << text; }
-  /// Exit code of a command in the folder.
-  int run(const std::string& command) const {
-    return std::system(fmt::format("cd {} && {}", path_.string(), command).c_str());
-  }
-
- private:
-  std::filesystem::path path_;
+/// With JointNumbers::members its parameters follow, and what follows from them.
+struct Room : CState {
+  std::array<double, 100> parameters;
 };
 
 std::string name_of(std::size_t i) { return fmt::format("joint{}", i); }
 
 /// All joints in one file, each with its self test.
-std::string source_of(const std::vector<Drive>& all) {
+std::string source_of(const std::vector<Drive>& all, JointNumbers numbers = JointNumbers::literal) {
   std::string text;
   for (std::size_t i = 0; i < all.size(); ++i) {
     text += fmt::format("#define JOINT{}_SELF_TEST\n", i);
-    text += c_source(all[i], name_of(i)).value();
+    text += c_source(all[i], name_of(i), numbers).value();
   }
   text += "int wrong_rows(void);\nint wrong_rows(void)\n{\n  int wrong = 0;\n";
   for (std::size_t i = 0; i < all.size(); ++i) text += fmt::format("  wrong += {}_self_test();\n", name_of(i));
   return text + "  return wrong;\n}\n#ifdef MAIN\nint main(void) { return wrong_rows() != 0; }\n#endif\n";
 }
-
-constexpr const char* strict = "-std=c99 -Wall -Wextra -Wpedantic -Werror";
 
 class CSource : public testing::Test {
  protected:
@@ -137,29 +45,27 @@ class CSource : public testing::Test {
   Folder folder;
 };
 
-/// Faults of the table in an arbitrary mixture.
-drive::Faults faults_of(Random& random) {
-  drive::Faults faults{};
-  for (const auto& fault : drive::faults())
-    if (fault.fault != drive::Fault::torque_constant && random() % 4 == 0)
-      fault.add(faults, uniform(random, 0, std::min(fault.maximum, fault.unit == "rad" ? 1e-2 : 1.0)));
-  return faults;
-}
-
 TEST_F(CSource, CoversEveryLawAndDynamics) { ASSERT_EQ(all.size(), 2 * 3 * friction::laws().size()); }
 
-/// The same doubles as drive::slide, over 10^5 random steps with faults, inputs beyond the range and no numbers.
-void compare(const std::vector<Drive>& all, void* library) {
+/// The same doubles as drive::slide, over 10^5 random steps with faults, inputs beyond the range and no numbers. With
+/// `tune` other numbers are set first.
+void compare(std::vector<Drive> all, void* library, bool tune = false) {
   std::size_t steps = 0, sliding = 0, outside = 0;
   for (std::size_t i = 0; i < all.size(); ++i) {
     const auto find = [&](const char* what) { return dlsym(library, (name_of(i) + what).c_str()); };
     const auto step = reinterpret_cast<double (*)(CState*, double, double, double)>(find("_step"));
     const auto temperature = reinterpret_cast<double (*)(const CState*)>(find("_temperature"));
     const auto heat_up = reinterpret_cast<void (*)(CState*, double)>(find("_set_temperature"));
-    CState c;
+    Room c;
     reinterpret_cast<void (*)(CState*)>(find("_init"))(&c);
     drive::Sliding s;
     Random random(i);
+    if (tune) {
+      all[i] = tuned(all[i], random);
+      const auto parameters = joint_parameters(all[i]);
+      for (std::size_t k = 0; k < parameters.size(); ++k) c.parameters[k] = parameters[k].value;
+      reinterpret_cast<void (*)(CState*)>(find("_changed"))(&c);
+    }
     for (int k = 0; k < 2200; ++k, ++steps) {
       if (k % 100 == 0) {
         const drive::Faults f = faults_of(random);
@@ -191,21 +97,25 @@ void compare(const std::vector<Drive>& all, void* library) {
   EXPECT_GT(outside, steps / 100);
 }
 
-TEST_F(CSource, EqualsCppBitByBit) {
-  folder.write("all.c", source_of(all));
+class CSourceWith : public CSource, public testing::WithParamInterface<JointNumbers> {};
+INSTANTIATE_TEST_SUITE_P(Numbers, CSourceWith, testing::Values(JointNumbers::literal, JointNumbers::members));
+
+TEST_P(CSourceWith, EqualsCppBitByBit) {
+  folder.write("all.c", source_of(all, GetParam()));
   for (const char* compiler : {"gcc -O2", "clang -O2"}) {
     SCOPED_TRACE(compiler);
     ASSERT_EQ(folder.run(fmt::format("{} {} -fPIC -shared all.c -o {}.so -lm", compiler, strict, compiler[0])), 0);
     void* library = dlopen(folder.file(fmt::format("{}.so", compiler[0])).c_str(), RTLD_NOW | RTLD_LOCAL);
     ASSERT_TRUE(library) << dlerror();
     compare(all, library);
+    if (GetParam() == JointNumbers::members) compare(all, library, true);
     EXPECT_EQ(reinterpret_cast<int (*)()>(dlsym(library, "wrong_rows"))(), 0);
     dlclose(library);
   }
 }
 
-TEST_F(CSource, SelfTestsPassUnderSanitizer) {
-  folder.write("all.c", source_of(all));
+TEST_P(CSourceWith, SelfTestsPassUnderSanitizer) {
+  folder.write("all.c", source_of(all, GetParam()));
   for (const char* compiler : {"gcc", "clang"}) {
     ASSERT_EQ(folder.run(fmt::format("{} {} -DMAIN -g -fsanitize=undefined -fno-sanitize-recover=all all.c -o all -lm",
                                      compiler, strict)),

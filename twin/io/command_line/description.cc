@@ -32,7 +32,8 @@ constexpr std::pair<const char*, const char*> placeholders[] = {
     {"--thermal", "FILE"},     {"--wrench", "FILE"},
     {"--color", "WHEN"},       {"--payload", "FILE=KNOWN"},
     {"--web", "ADDRESS:PORT"}, {"--web-folder", "DIR"},
-    {"--c", "FILE"},
+    {"--c", "FILE"},           {"--fmu", "FILE"},
+    {"--table", "FILE"},
 };
 
 }  // namespace

@@ -1,0 +1,24 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include <tribotwin/twin/commands/joint_source.hpp>
+#include <tribotwin/twin/commands/program.hpp>
+
+/// What `export` writes of one joint, for other tools. Wrong input is thrown.
+namespace tribotwin::twin::program {
+
+/// C and FMUs: without `name`, what names begin with is the model's joint.
+Result<Exit> export_c(const JointSource& source, const std::string& name, const Destination& output);
+Result<Exit> export_fmu(const JointSource& source, const std::string& name, int fmi_version, const Destination& output);
+
+/// A table of friction over speed, load and temperature; what is lost is said.
+Result<Exit> export_table(const JointSource& source, std::optional<double> temperature_degC,
+                          std::optional<double> speed_max_rad_s, const Destination& output);
+
+/// The <dynamics> elements of a URDF for all joints of a model with drives.
+Result<Exit> export_urdf(const std::string& file, std::optional<double> temperature_degC,
+                         std::optional<double> speed_max_rad_s, const Destination& output);
+
+}  // namespace tribotwin::twin::program

@@ -1,0 +1,103 @@
+#include <cstdint>
+
+#include <fmt/format.h>
+
+#include <tribotwin/plugins/drive/configuration.hpp>
+#include <tribotwin/plugins/drive/slide.hpp>
+#include <tribotwin/twin/portable/c_law.hpp>
+#include <tribotwin/twin/portable/c_source.hpp>
+#include <tribotwin/twin/portable/fmu.hpp>
+#include <tribotwin/twin/portable/fmu_texts.hpp>
+#include <tribotwin/twin/portable/fmu_variables.hpp>
+
+namespace tribotwin::twin {
+namespace {
+
+std::uint64_t fnv_1a(const std::string& text, std::uint64_t hash) {
+  for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ULL;
+  return hash;
+}
+
+/// GUID and instantiation token: of the same content, the same.
+std::string token_of(const std::vector<FmuFile>& files) {
+  std::uint64_t high = 14695981039346656037ULL, low = 0;
+  for (const FmuFile& file : files) high = fnv_1a(file.name + file.content, high), low = fnv_1a(file.content, low + 1);
+  return fmt::format("{{{:08x}-{:04x}-{:04x}-{:04x}-{:012x}}}", high >> 32, high >> 16 & 0xffff, high & 0xffff,
+                     low >> 48, low & 0xffffffffffff);
+}
+
+/// The rows of fmu_variables in the C.
+std::string variable_rows(const std::vector<FmuVariable>& variables) {
+  std::string rows;
+  for (const FmuVariable& v : variables) {
+    if (v.unit.empty()) continue;
+    const char* kind = v.kind == FmuKind::input     ? "is_input"
+                       : v.kind == FmuKind::tunable ? "is_tunable"
+                       : v.kind == FmuKind::fixed   ? "is_fixed"
+                                                    : "is_result";
+    const bool bounded = std::isfinite(v.minimum);
+    rows += fmt::format("  {{\"{}\", offsetof(fmu_state, {}), {}, {}, {}}},\n", v.name, v.member, kind,
+                        bounded ? c_number(v.minimum) : "-HUGE_VAL", bounded ? c_number(v.maximum) : "HUGE_VAL");
+  }
+  return rows;
+}
+
+/// Lines of functions that set the inputs' start values.
+std::string start_values(const std::vector<FmuVariable>& variables) {
+  std::string lines;
+  for (const FmuVariable& v : variables)
+    if (v.kind == FmuKind::fixed) lines += fmt::format("  s->{} = {};\n", v.member, c_number(v.start));
+  return lines;
+}
+
+std::string functions_of(const drive::Drive& d, const std::string& name, FmiVersion version) {
+  const auto variables = fmu_variables(d);
+  const bool heat = has_heat(d);
+  const std::string text = std::string(version == FmiVersion::two ? fmi2_types : fmi3_types) + fmu_core +
+                           (version == FmiVersion::two ? fmi2_functions : fmi3_functions);
+  return filled(text, {{"@VARIABLES@", variable_rows(variables)},
+                       {"@COUNT@", std::to_string(variables.size() - 1)},
+                       {"@WARMTH@", heat ? "ambient" : "held"},
+                       {"@START@", heat ? "start_degC, " : ""},
+                       {"@START_VALUE@", start_values(variables)},
+                       {"@START_TEMPERATURE@", heat ? "  @NAME@_set_temperature(&s->joint, s->start_degC);\n" : ""},
+                       {"@SURROUNDINGS@", heat ? "  s->joint.ambient_K = s->ambient_degC - @T_AMB@;\n"
+                                               : "  @NAME@_set_temperature(&s->joint, s->held_degC);\n"},
+                       {"@T_AMB@", c_number(d.thermal.T_amb_degC)},
+                       {"@SPEED_MAX@", c_number(drive::slide_speed_max_rad_s)},
+                       {"@DT_MAX@", c_number(drive::slide_dt_max_s)},
+                       {"@UPPER@", c_upper(name)},
+                       {"@NAME@", name}});
+}
+
+/// The drive under its keys in MJCF.
+std::string keys_of(const drive::Drive& d) {
+  std::string text = "# The joint of this FMU, as config keys of a tribotwin.drive.\n";
+  for (const auto& [key, value] : drive::configuration_of(d)) text += fmt::format("{}: {}\n", key, value);
+  return text;
+}
+
+}  // namespace
+
+extern const char* const license_text;  // LICENSE, by CMake
+
+Result<std::vector<FmuFile>> fmu_files(const drive::Drive& d, const std::string& name, FmiVersion version) {
+  const auto joint = c_source(d, name, JointNumbers::members);
+  if (!joint) return tl::unexpected(joint.error());
+  const int number = static_cast<int>(version);
+  std::vector<FmuFile> files{{"modelDescription.xml", fmu_description(d, name, number)},
+                             {fmt::format("sources/{}.c", name), *joint},
+                             {fmt::format("sources/fmi{}.c", number), functions_of(d, name, version)},
+                             {"resources/joint.yaml", keys_of(d)}};
+  if (version == FmiVersion::three) files.push_back({"sources/buildDescription.xml", fmu_build_description(name)});
+  const std::string token = token_of(files);
+  for (FmuFile& file : files) file.content = filled(file.content, {{"@TOKEN@", token}});
+  files.push_back({"documentation/index.html", fmu_page(d, name)});
+  files.push_back({"documentation/licenses/license.txt",
+                   "The sources of this FMU and what is compiled of them were written by tribotwin under the license "
+                   "below.\nThe numbers of the joint are those of whoever exported it.\n\n" +
+                       std::string(license_text)});
+  return files;
+}
+
+}  // namespace tribotwin::twin
