@@ -9,6 +9,7 @@
 
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
+#include <tribotwin/twin/identification/rigid_body/consistency.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/coupling/coupling.hpp>
 
@@ -25,6 +26,8 @@ constexpr double least_gain = 0.003;
 constexpr double enough_sigmas = 2.5;
 /// A prior that worsens it by less is taken.
 constexpr double as_good = 0.02;
+/// Real bodies that worsen it by more and by so many standard errors are not taken.
+constexpr double real_sigmas = 2;
 /// Settings that worsen it by so much and so many standard errors are not tried again after another was taken.
 constexpr double hopeless = 0.1, hopeless_sigmas = 4;
 /// A coupled motor is a claim about the robot's mechanics, and several are tried: only where much speaks for it.
@@ -64,6 +67,7 @@ class Chooser {
     refine_stribeck();
     refine_position();
     simplify();
+    judge_bodies();
     // The fit itself takes as many samples, up to ends and rests, as its own cut-off allows.
     out_.setting.signals.widest_hz = out_.setting.signals.narrowest_hz = 0;
     out_.fit = std::move(best_.fit);
@@ -131,7 +135,7 @@ class Chooser {
     const bool alike = best_.fit.base.size() == static_cast<std::size_t>(base_.size()) &&
                        best_.fit.friction.size() == static_cast<std::size_t>(regressor_.rotors());
     return held_out(regressor_, base_, *friction, motion, s, target_, out_.folds, alike ? &best_.fit : nullptr,
-                    threads_);
+                    best_.fit.folds.empty() ? nullptr : &best_.fit.folds, threads_);
   }
 
   /// A setting to try.
@@ -404,6 +408,24 @@ class Chooser {
         take(*std::move(t));
         return simplify();
       }
+  }
+
+  /// Bodies are real before anything is recorded; what makes them predict worse is a part of the torque that no real
+  /// body gives. They are kept unless least squares is clearly better.
+  void judge_bodies() {
+    const auto friction = friction_of(model_, regressor_, out_.setting, torque_max_nm_, target_.motion);
+    if (!friction) return;
+    const Errors real =
+        errors_of(held_out_of_real_bodies(regressor_, base_, *friction, best_.fit, motion_, threads_), target_);
+    const Comparison c = compared(real, best_);
+    out_.real_bodies = !(c.change > std::max(as_good, real_sigmas * c.sigma));
+    out_.trials.push_back({.what = "bodies that are real",
+                           .change = c.change,
+                           .sigma = c.sigma,
+                           .rms = real.rms,
+                           .taken = out_.real_bodies,
+                           .failure = {},
+                           .remark = {}});
   }
 
   /// Torque that depends on the joint's own position, C cos q + S sin q: of springs, cables and sensors, which no rigid
