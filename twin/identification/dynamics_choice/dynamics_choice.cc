@@ -193,8 +193,17 @@ class Chooser {
 
   Result<JointMotion> motion_of(const Preparation& signals) const {
     if (signals == out_.setting.signals) return motion_;
-    auto motion = prepare(recordings_, regressor_, signals);
+    auto motion = prepared(signals);
     if (motion) motion->moving = motion->moving || target_.motion.moving;  // errors are compared over the target's
+    return motion;
+  }
+
+  /// Searches come back to the same signals.
+  Result<JointMotion> prepared(const Preparation& signals) const {
+    for (const auto& [known, motion] : prepared_)
+      if (known == signals) return motion;
+    auto motion = prepare(recordings_, regressor_, signals);
+    if (motion) prepared_.emplace_back(signals, *motion);
     return motion;
   }
 
@@ -485,7 +494,7 @@ class Chooser {
       s.motors = std::move(motors);
       auto t = tried({what, std::move(s)});
       if (t && is_better(t->comparison, coupled_gain, coupled_sigmas))
-        take(*std::move(t));
+        take(*std::move(t)), prepared_.clear();  // a motor's direction is a part of the motion
       else
         regressor_ = before, base_ = base_before;
     }
@@ -616,6 +625,7 @@ class Chooser {
   Target target_;
   JointMotion motion_;  ///< with the signals of the best setting
   HeldOut best_;
+  mutable std::vector<std::pair<Preparation, JointMotion>> prepared_;  ///< with the present motors
   std::map<std::string, double> last_;     ///< change of every candidate of a search when it was last tried
   std::map<std::string, VectorXd> since_;  ///< Trial::rms of those tried since the last step
   double done_ = 0;
