@@ -104,7 +104,7 @@ Json json_of(std::span<const Negative> negative) {
 
 /// Whether predict's parameters are those of least squares, and what it costs if not.
 Json json_of(const Robot& robot, const ConsistentDynamics& dynamics) {
-  Json j{{"same", dynamics.same}, {"residual_growth", Json::object()}};
+  Json j{{"same", dynamics.same}, {"predict_worse", dynamics.predict_worse}, {"residual_growth", Json::object()}};
   for (Index k = 0; k < dynamics.growth.size(); ++k)
     j["residual_growth"][robot.regressor.joint_name(k)] = number(dynamics.growth(k));
   return j;
@@ -207,9 +207,11 @@ std::string prediction_of(const ConsistentDynamics& dynamics, bool contradicted,
     if (growth > largest) largest = growth;
   return fmt::format(
       "residuals of the real bodies with the smallest sum of squares are up to {:.4g} times as large; {}\n", largest,
-      contradicted ? fmt::format("predict takes those of {}, as the data contradict every real one beyond doubt",
-                                 instrumental ? "instrumental variables" : "least squares")
-                   : "predict takes these bodies");
+      contradicted || dynamics.predict_worse
+          ? fmt::format("predict takes those of {}, as {}", instrumental ? "instrumental variables" : "least squares",
+                        contradicted ? "the data contradict every real one beyond doubt"
+                                     : "real ones predict worse what they have not seen")
+          : "predict takes these bodies");
 }
 
 std::string table_of(const Robot& robot, const DynamicsFit& fit, const Consistency& consistency,
@@ -806,6 +808,7 @@ Result<Exit> execute(const Arguments& a) {
       nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
   ConsistentDynamics consistent = consistent_dynamics(robot.regressor, robot.base, *friction, *fit);
   measure_growth(robot.regressor, robot.base, *friction, *fit, motion, a.threads, consistent);
+  consistent.predict_worse = !consistent.same && !choice.real_bodies;
   if (a.output.named()) {
     DynamicsOrigin origin = origin_of(a, robot, choice.setting, motion, torque_max_nm, models);
     origin.left_out = left_out;

@@ -137,11 +137,13 @@ Json json_of(const Error& e, const std::string& unit, const JointVerdict& verdic
           {"verdict", json_of(verdict)}};
 }
 
-/// Whether the parameters of real bodies are taken: not where the data contradict them all beyond doubt, as what keeps
-/// them from being real (a spring, coupled motors) is then a part of the torque that real bodies cannot give.
+/// Whether the parameters of real bodies are taken: not where the data contradict them all beyond doubt, or samples
+/// that they have not seen, as what keeps them from being real (a spring, coupled motors, torques that are late) is
+/// then a part of the torque that real bodies cannot give.
 bool takes_consistent(const Arguments& a, const DynamicsFile& file) {
-  return file.consistent &&
-         (a.bodies == "auto" ? file.consistent->same || !file.contradicted : a.bodies == "consistent");
+  if (!file.consistent) return false;
+  if (a.bodies != "auto") return a.bodies == "consistent";
+  return file.consistent->same || !(file.contradicted || file.consistent->predict_worse);
 }
 
 /// What is to be known of the parameters before the errors are believed.
@@ -182,6 +184,7 @@ Json bodies_of(const Arguments& a, const DynamicsFile& file) {
           {"same", file.consistent ? Json(file.consistent->same) : Json(nullptr)},
           {"possible", file.possible},
           {"contradicted", file.contradicted},
+          {"predict_worse", file.consistent && file.consistent->predict_worse},
           {"distance_sigma", std::isnan(file.distance_sigma) ? Json(nullptr) : Json(file.distance_sigma)},
           {"chance", std::isnan(file.chance) ? Json(nullptr) : Json(file.chance)},
           {"residual_growth", largest_growth(file)}};
@@ -420,7 +423,7 @@ void add_predict(CLI::App& app, int& code) {
   c->add_option("--bodies", a->bodies,
                 "consistent: the real bodies (positive masses and pseudo-inertias) that explain the training best; "
                 "least_squares: base parameters as fitted, which may belong to no real bodies; auto: consistent unless "
-                "the training contradicts every real body beyond doubt")
+                "the training contradicts every real body beyond doubt, or dynamics found that they predict worse")
       ->check(CLI::IsMember({"auto", "consistent", "least_squares"}))
       ->capture_default_str();
   c->add_option("--threads", a->threads, "Threads; they do not change the result")->check(CLI::Range(1, 256));

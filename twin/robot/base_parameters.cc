@@ -15,8 +15,12 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 /// What remains of a unit column of R beyond those before it, where it depends on them: far above rounding (1e-14), far
 /// below what a geometry of any real proportions leaves.
 constexpr double dependent_below = 1e-8;
-/// Columns this much shorter than the longest are 0 but for rounding.
-constexpr double nothing = 1e-12;
+/// Torques this much smaller than the largest are no robot's: axes that are parallel or vertical but for angles of five
+/// digits (1.5708, 3.1416 in a URDF) leave 1e-5 of them. No recording shows it, and a parameter that only they tell
+/// would have no value but the noise.
+constexpr double nothing = 2e-5;
+/// Coefficients that differ from 0 or 1 by less do so for such angles, or for rounding.
+constexpr double as_good_as_equal = 1e-5;
 
 MatrixXd excited(Regressor& regressor) {
   std::mt19937_64 random(1);
@@ -67,7 +71,7 @@ BaseParameters base_parameters(Regressor regressor) {
     const auto found = static_cast<Index>(base.independent.size());
     VectorXd rest = R.col(c);
     for (int pass = 0; pass < 2; ++pass) rest -= Q.leftCols(found) * (Q.leftCols(found).transpose() * rest);
-    if (rest.norm() <= dependent_below) {
+    if (rest.norm() <= std::max(dependent_below, nothing * longest / length(c))) {
       if (length(c) > 0) dependent.push_back(c);
       continue;
     }
@@ -82,9 +86,9 @@ BaseParameters base_parameters(Regressor regressor) {
     for (Index k = 0; k < groups.cols(); ++k) {
       const Index c = dependent[static_cast<std::size_t>(k)];
       double x = groups(i, k);
-      if (std::abs(x) < 1e-9) continue;
+      if (std::abs(x) * length(c) < nothing * longest || std::abs(x) < 1e-9) continue;
       x *= length(c) / length(base.independent[static_cast<std::size_t>(i)]);
-      base.from_all(i, c) = std::abs(std::abs(x) - 1) < 1e-9 ? std::copysign(1, x) : x;
+      base.from_all(i, c) = std::abs(std::abs(x) - 1) < as_good_as_equal ? std::copysign(1, x) : x;
     }
     const auto& leading = columns[static_cast<std::size_t>(base.independent[static_cast<std::size_t>(i)])];
     base.parameters.push_back({leading.name,

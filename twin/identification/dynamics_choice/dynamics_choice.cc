@@ -9,6 +9,7 @@
 
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
+#include <tribotwin/twin/identification/rigid_body/consistency.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/coupling/coupling.hpp>
 
@@ -25,6 +26,8 @@ constexpr double least_gain = 0.003;
 constexpr double enough_sigmas = 2.5;
 /// A prior that worsens it by less is taken.
 constexpr double as_good = 0.02;
+/// Real bodies that worsen it by more and by so many standard errors are not taken.
+constexpr double real_sigmas = 2;
 /// Settings that worsen it by so much and so many standard errors are not tried again after another was taken.
 constexpr double hopeless = 0.1, hopeless_sigmas = 4;
 /// A coupled motor is a claim about the robot's mechanics, and several are tried: only where much speaks for it.
@@ -64,6 +67,7 @@ class Chooser {
     refine_stribeck();
     refine_position();
     simplify();
+    judge_bodies();
     // The fit itself takes as many samples, up to ends and rests, as its own cut-off allows.
     out_.setting.signals.widest_hz = out_.setting.signals.narrowest_hz = 0;
     out_.fit = std::move(best_.fit);
@@ -131,7 +135,7 @@ class Chooser {
     const bool alike = best_.fit.base.size() == static_cast<std::size_t>(base_.size()) &&
                        best_.fit.friction.size() == static_cast<std::size_t>(regressor_.rotors());
     return held_out(regressor_, base_, *friction, motion, s, target_, out_.folds, alike ? &best_.fit : nullptr,
-                    threads_);
+                    best_.fit.folds.empty() ? nullptr : &best_.fit.folds, threads_);
   }
 
   /// A setting to try.
@@ -189,8 +193,17 @@ class Chooser {
 
   Result<JointMotion> motion_of(const Preparation& signals) const {
     if (signals == out_.setting.signals) return motion_;
-    auto motion = prepare(recordings_, regressor_, signals);
+    auto motion = prepared(signals);
     if (motion) motion->moving = motion->moving || target_.motion.moving;  // errors are compared over the target's
+    return motion;
+  }
+
+  /// Searches come back to the same signals.
+  Result<JointMotion> prepared(const Preparation& signals) const {
+    for (const auto& [known, motion] : prepared_)
+      if (known == signals) return motion;
+    auto motion = prepare(recordings_, regressor_, signals);
+    if (motion) prepared_.emplace_back(signals, *motion);
     return motion;
   }
 
@@ -406,6 +419,24 @@ class Chooser {
       }
   }
 
+  /// Bodies are real before anything is recorded; what makes them predict worse is a part of the torque that no real
+  /// body gives. They are kept unless least squares is clearly better.
+  void judge_bodies() {
+    const auto friction = friction_of(model_, regressor_, out_.setting, torque_max_nm_, target_.motion);
+    if (!friction) return;
+    const Errors real =
+        errors_of(held_out_of_real_bodies(regressor_, base_, *friction, best_.fit, motion_, threads_), target_);
+    const Comparison c = compared(real, best_);
+    out_.real_bodies = !(c.change > std::max(as_good, real_sigmas * c.sigma));
+    out_.trials.push_back({.what = "bodies that are real",
+                           .change = c.change,
+                           .sigma = c.sigma,
+                           .rms = real.rms,
+                           .taken = out_.real_bodies,
+                           .failure = {},
+                           .remark = {}});
+  }
+
   /// Torque that depends on the joint's own position, C cos q + S sin q: of springs, cables and sensors, which no rigid
   /// body explains. A claim about the mechanics, as a coupling is. Tried in all hinges, then in those that gained.
   bool choose_position() {
@@ -463,7 +494,7 @@ class Chooser {
       s.motors = std::move(motors);
       auto t = tried({what, std::move(s)});
       if (t && is_better(t->comparison, coupled_gain, coupled_sigmas))
-        take(*std::move(t));
+        take(*std::move(t)), prepared_.clear();  // a motor's direction is a part of the motion
       else
         regressor_ = before, base_ = base_before;
     }
@@ -594,6 +625,7 @@ class Chooser {
   Target target_;
   JointMotion motion_;  ///< with the signals of the best setting
   HeldOut best_;
+  mutable std::vector<std::pair<Preparation, JointMotion>> prepared_;  ///< with the present motors
   std::map<std::string, double> last_;     ///< change of every candidate of a search when it was last tried
   std::map<std::string, VectorXd> since_;  ///< Trial::rms of those tried since the last step
   double done_ = 0;

@@ -31,19 +31,26 @@ Result<RobotFriction> friction_of(const mujoco::Model& model, const Regressor& r
 
 Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                          const JointMotion& motion, const Setting& setting, const Target& target, unsigned folds,
-                         const DynamicsFit* start, unsigned threads) {
+                         const DynamicsFit* start, const std::vector<Fold>* known, unsigned threads) {
   DynamicsOptions options = options_of(setting, threads);
   options.folds = folds;
   options.start = start;
+  options.known_folds = known;
   options.evidence = true;
   auto fit = fit_dynamics(regressor, base, friction, motion, options);
   if (!fit) return tl::unexpected(fit.error());
-  const MatrixXd predicted = std::move(fit->held_out);
+  HeldOut out{errors_of(fit->held_out, target), {}};
+  fit->held_out.resize(0, 0);
+  out.fit = *std::move(fit);
+  return out;
+}
+
+Errors errors_of(const MatrixXd& predicted, const Target& target) {
   std::vector<Index> measured;
-  for (Index j = 0; j < regressor.joints(); ++j)
-    if (!motion.is_left_out(j)) measured.push_back(j);
+  for (Index j = 0; j < predicted.rows(); ++j)
+    if (!target.motion.is_left_out(j)) measured.push_back(j);
   const Index joints = static_cast<Index>(measured.size()), stretches = static_cast<Index>(target.stretches.size());
-  HeldOut out{.rms = VectorXd::Zero(joints), .mean = MatrixXd::Zero(joints, stretches), .fit = {}};
+  Errors out{.rms = VectorXd::Zero(joints), .mean = MatrixXd::Zero(joints, stretches)};
   for (Index k = 0; k < joints; ++k) {
     const Index j = measured[static_cast<std::size_t>(k)];
     double all = 0, samples = 0;
@@ -57,11 +64,10 @@ Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base,
     }
     out.rms(k) = std::sqrt(all / samples);
   }
-  out.fit = *std::move(fit);
   return out;
 }
 
-Comparison compared(const HeldOut& a, const HeldOut& b) {
+Comparison compared(const Errors& a, const Errors& b) {
   const double change = (a.rms.array() / b.rms.array()).log().mean();
   // Half the differences of mean squares in units of b's, averaged over joints: to first order those of log rms.
   std::vector<double> own;

@@ -31,10 +31,13 @@ DynamicsOptions options_of(const Setting& setting, unsigned threads);
 Result<RobotFriction> friction_of(const mujoco::Model& model, const Regressor& regressor, const Setting& setting,
                                   std::span<const double> torque_max_nm, const JointMotion& motion);
 
-struct HeldOut {
+/// How well torques that were foretold agree with the target's.
+struct Errors {
   Eigen::VectorXd rms;   ///< per joint with torque [Nm; N], over the samples in motion
   Eigen::MatrixXd mean;  ///< joints x stretches of time: mean squares
-  DynamicsFit fit;       ///< of all samples
+};
+struct HeldOut : Errors {
+  DynamicsFit fit;  ///< of all samples
 };
 
 /// What errors are counted against: the same for every setting.
@@ -44,16 +47,18 @@ struct Target {
 };
 
 /// Fits `motion` (of the same times as the target's) without each of `folds` parts in turn and predicts that part.
-/// `start`: as in DynamicsOptions. ErrorKind::input where the fit fails.
+/// `start`, `known`: as in DynamicsOptions. ErrorKind::input where the fit fails.
 Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                          const JointMotion& motion, const Setting& setting, const Target& target, unsigned folds,
-                         const DynamicsFit* start, unsigned threads);
+                         const DynamicsFit* start, const std::vector<Fold>* known, unsigned threads);
+/// `predicted`: joints x samples of the target.
+Errors errors_of(const Eigen::MatrixXd& predicted, const Target& target);
 
 /// Geometric mean over joints of the ratio of errors, less 1; and its standard error from the variation between
 /// stretches of time. Below 0: `a` is better.
 struct Comparison {
   double change = 0, sigma = 0;
 };
-Comparison compared(const HeldOut& a, const HeldOut& b);
+Comparison compared(const Errors& a, const Errors& b);
 
 }  // namespace tribotwin::twin::identification

@@ -4,8 +4,10 @@
 #include <optional>
 
 #include <tribotwin/twin/identification/rigid_body/consistency.hpp>
+#include <tribotwin/twin/identification/rigid_body/dynamics_problem.hpp>
 #include <tribotwin/twin/numerics/distributions.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/numerics/parallel.hpp>
 #include <tribotwin/twin/numerics/triangular_factor.hpp>
 #include <tribotwin/twin/robot/inertial_prior/inertial_prior.hpp>
 
@@ -282,6 +284,24 @@ ConsistentDynamics consistent_dynamics(const Regressor& regressor, const BasePar
   const VectorXd found = from_all * out.bodies;
   out.parameters.base(marginal.base) = found;
   change_friction(friction, base.size(), marginal.friction, marginal.follow * (found - beta), out.parameters.friction);
+  return out;
+}
+
+MatrixXd held_out_of_real_bodies(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
+                                 const DynamicsFit& fit, const JointMotion& motion, unsigned threads) {
+  const std::vector<DynamicsProblem::Block> blocks =
+      DynamicsProblem(regressor, base, friction, motion, threads).blocks();
+  MatrixXd out = MatrixXd::Constant(regressor.joints(), motion.size(), std::numeric_limits<double>::quiet_NaN());
+  in_parallel(fit.folds.size(), threads, [&](std::size_t f) {
+    DynamicsFit own;
+    own.parameters = fit.partial[f].parameters, own.objective = fit.partial[f].objective, own.unknowns = fit.in_folds;
+    const ConsistentDynamics real = consistent_dynamics(regressor, base, friction, own);
+    const MatrixXd torque = predicted_torque(regressor, base, friction, real.parameters, motion, 1);
+    for (const std::size_t b : fit.folds[f].held) {
+      const auto [first, last] = blocks[b];
+      out.middleCols(first, last - first) = torque.middleCols(first, last - first);
+    }
+  });
   return out;
 }
 

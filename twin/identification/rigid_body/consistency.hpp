@@ -42,6 +42,7 @@ struct ConsistentDynamics {
   bool same = false;           ///< the least-squares base parameters are those of real bodies already
   RobotParameters parameters;  ///< where `same`, exactly those of the fit
   Eigen::VectorXd bodies;      ///< that have these base parameters; order of the regressor
+  bool predict_worse = false;  ///< than least squares, of samples that neither has seen (DynamicsChoice::real_bodies)
   Eigen::VectorXd growth;  ///< per joint, rms of the residual / that of the least-squares parameters, in the samples of
                            ///< the fit; NaN where the joint was left out. Empty: not measured
 };
@@ -50,6 +51,11 @@ struct ConsistentDynamics {
 /// conditional optimum given these, within the bounds of its law, to first order where the law is not linear.
 ConsistentDynamics consistent_dynamics(const Regressor& regressor, const BaseParameters& base,
                                        const RobotFriction& friction, const DynamicsFit& fit);
+
+/// DynamicsFit::held_out of a fit with folds, but of the real bodies that the samples outside of each fold foretell.
+Eigen::MatrixXd held_out_of_real_bodies(const Regressor& regressor, const BaseParameters& base,
+                                        const RobotFriction& friction, const DynamicsFit& fit,
+                                        const JointMotion& motion, unsigned threads);
 
 /// Measures `growth` on the samples of the fit.
 void measure_growth(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,

@@ -368,19 +368,22 @@ class Identification {
     return sum;
   }
 
-  /// Adds `share` of a step of the free unknowns, friction within the bounds of its law.
-  void advance(const VectorXd& step, double share) {
+  /// The parameters after a step of the free unknowns, friction within the bounds of its law.
+  RobotParameters advanced(const VectorXd& step) const {
+    RobotParameters out = now_;
     for (std::size_t c = 0; c < order_.size(); ++c) {
-      const double change = share * step(static_cast<Index>(c));
+      const double change = step(static_cast<Index>(c));
       if (order_[c] < base_.size()) {
-        now_.base(order_[c]) += change;
+        out.base(order_[c]) += change;
         continue;
       }
       const auto [j, p] = problem_.place_of(order_[c]);
       const auto& info = friction_[j].parameter(static_cast<Index>(p));
-      now_.friction[j][p] = std::clamp(now_.friction[j][p] + change, info.minimum, info.maximum);
+      out.friction[j][p] = std::clamp(out.friction[j][p] + change, info.minimum, info.maximum);
     }
+    return out;
   }
+  void advance(const VectorXd& step, double share) { now_ = advanced(share * step); }
 
   void fix_dependent() {
     for (const Index u : dependent(R_, order_, base_.size())) {
@@ -477,9 +480,13 @@ class Identification {
     judge(pass_.residual);
   }
 
-  /// The change of the free unknowns that the rows of the normal matrix `rest` ask for. What they do not tell is drawn
-  /// to the model by a very weak prior in units of `all`.
-  VectorXd change_of(const MatrixXd& rest, const MatrixXd& all) const {
+  /// The change of the free unknowns that the rows of the normal matrix `rest` ask for, and that matrix of them alone.
+  struct Asked {
+    VectorXd change;
+    MatrixXd normal;
+  };
+  /// What the rows do not tell is drawn to the model by a very weak prior in units of `all`.
+  Asked asked(const MatrixXd& rest, const MatrixXd& all) const {
     constexpr double prior = 1e-8;
     const auto n = static_cast<Index>(order_.size());
     MatrixXd left = rest.topLeftCorner(n, n);
@@ -491,14 +498,17 @@ class Identification {
         right(c) += weight * (of_model_(u) - now_.base(u));
     }
     const VectorXd scale = left.diagonal().cwiseSqrt().cwiseInverse();
-    return scale.cwiseProduct(
+    VectorXd change = scale.cwiseProduct(
         symmetric_solution(scale.asDiagonal() * left * scale.asDiagonal(), scale.cwiseProduct(right)));
+    return {std::move(change), std::move(left)};
   }
 
   /// Predicts every fold from the others.
   void leave_out() {
     const auto& blocks = problem_.blocks();
-    const std::vector<Fold> folds = folds_of(motion_.q, motion_.qd, blocks, problem_.files(), options_.folds);
+    const std::vector<Fold>& folds = out_.folds =
+        options_.known_folds ? *options_.known_folds
+                             : folds_of(motion_.q, motion_.qd, blocks, problem_.files(), options_.folds);
     std::vector<MatrixXd> of_block;
     for (std::size_t b = 0; b < blocks.size(); ++b)
       of_block.push_back(problem_.normal_matrix(pass_, b, weights_, order_));
@@ -506,7 +516,7 @@ class Identification {
     for (const MatrixXd& N : of_block) all += N;
     std::vector<DynamicsProblem::Rows> rows;
     if (options_.robust != Robust::none) rows = problem_.rows(now_);
-    std::vector<VectorXd> change(folds.size());
+    std::vector<Asked> of_fold(folds.size());
     in_parallel(folds.size(), options_.threads, [&](std::size_t f) {
       std::vector<bool> gone(blocks.size());
       for (const auto* left_out : {&folds[f].held, &folds[f].alike})
@@ -515,15 +525,17 @@ class Identification {
         MatrixXd rest = all;
         for (std::size_t b = 0; b < blocks.size(); ++b)
           if (gone[b]) rest -= of_block[b];
-        change[f] = change_of(rest, all);
+        of_fold[f] = asked(rest, all);
       } else {
-        change[f] = robust_change(rows, gone, all);
+        of_fold[f] = asked_robustly(rows, gone, all);
       }
     });
+    out_.in_folds = order_;
     MatrixXd changes = MatrixXd::Zero(problem_.unknowns(), std::ssize(folds));
     std::vector<std::size_t> fold_of(blocks.size());
     for (std::size_t f = 0; f < folds.size(); ++f) {
-      changes(order_, static_cast<Index>(f)) = change[f];
+      changes(order_, static_cast<Index>(f)) = of_fold[f].change;
+      out_.partial.push_back({advanced(of_fold[f].change), triangular_root(of_fold[f].normal)});
       for (const std::size_t b : folds[f].held) fold_of[b] = f;
     }
     out_.held_out = problem_.predicted(now_, changes, fold_of);
@@ -531,8 +543,8 @@ class Identification {
 
   /// The change of the free unknowns by the blocks that are not `gone`, begun without weights, as the fit of all is:
   /// noise and outliers are those of these blocks alone. Weights by the fit of all samples would know of the others.
-  VectorXd robust_change(const std::vector<DynamicsProblem::Rows>& rows, const std::vector<bool>& gone,
-                         const MatrixXd& all) const {
+  Asked asked_robustly(const std::vector<DynamicsProblem::Rows>& rows, const std::vector<bool>& gone,
+                       const MatrixXd& all) const {
     constexpr int most_rounds = 8;
     constexpr double at_rest = 0.1;  // of a sigma, all unknowns together
     VectorXd change = VectorXd::Zero(problem_.unknowns());
@@ -540,8 +552,9 @@ class Identification {
       MatrixXd N = prior_normal();
       for (Index j = 0; j < joints(); ++j)
         add_weighted(j, rows[static_cast<std::size_t>(j)], gone, change, round > 0, N);
-      const VectorXd now = change_of(N, all), step = now - change(order_);
-      change(order_) = now;
+      Asked now = asked(N, all);
+      const VectorXd step = now.change - change(order_);
+      change(order_) = now.change;
       const auto n = static_cast<Index>(order_.size());
       if (round >= most_rounds || (round > 0 && step.dot(N.topLeftCorner(n, n) * step) < at_rest * at_rest)) return now;
     }

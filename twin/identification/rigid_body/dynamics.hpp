@@ -9,6 +9,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/identification/curves/fit.hpp>
+#include <tribotwin/twin/identification/resampling/folds.hpp>
 #include <tribotwin/twin/identification/rigid_body/robot_torque.hpp>
 
 /// A robot's whole dynamics from its motion (Hao 2021 and Pagani): base inertial parameters and the friction of every
@@ -56,6 +57,7 @@ struct DynamicsOptions {
   bool evidence = false;        ///< find the prior that is the most probable (DynamicsFit::prior_by_evidence)
   bool lag = false;             ///< what the torques are late is unknown and counts in the sigmas: DynamicsFit::lag
   unsigned folds = 0;           ///< parts of the samples to leave out one at a time (resampling/folds.hpp); 0: none
+  const std::vector<Fold>* known_folds = nullptr;  ///< DynamicsFit::folds of a motion of the same times, to be the same
   const struct DynamicsFit* start = nullptr;  ///< of the same base parameters: begin there instead of at the model;
                                               ///< friction by its parameters' names
   /// Null: least squares. Else beta = (Z^T W Y)^-1 Z^T W tau with the instruments' regressor Z; of laws that are linear
@@ -99,6 +101,14 @@ struct DynamicsFit {
   /// joints x samples. Linearised about the parameters of all, which is exact for friction linear in its parameters;
   /// what the other folds do not tell is as in the model.
   Eigen::MatrixXd held_out;
+  std::vector<Fold> folds;
+  /// What the samples outside of each fold say: a fit of its own with `objective` of the unknowns `in_folds`.
+  struct Partial {
+    RobotParameters parameters;
+    Eigen::MatrixXd objective;
+  };
+  std::vector<Partial> partial;
+  std::vector<Eigen::Index> in_folds;
   double prior_by_evidence =
       0;                      ///< where asked for: the `prior` under which the data are the most probable
                               ///< (robot/inertial_prior.hpp); 0: none that is narrower than ten times the bodies' sizes

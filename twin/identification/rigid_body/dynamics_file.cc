@@ -81,6 +81,7 @@ void write_consistent(YAML::Emitter& out, const DynamicsFit& fit, const BasePara
   out << YAML::Key << "consistent" << YAML::Value << YAML::BeginMap << YAML::Key << "same" << YAML::Value
       << dynamics.same;
   if (!dynamics.same) {
+    out << YAML::Key << "predict_worse" << YAML::Value << dynamics.predict_worse;
     out << YAML::Key << "residual_growth" << YAML::Value << YAML::Flow << YAML::BeginMap;
     for (std::size_t j = 0; j < fit.joints.size(); ++j)
       if (const double growth = dynamics.growth(static_cast<Index>(j)); std::isfinite(growth))
@@ -109,6 +110,7 @@ void read_consistent(Mapping& in, const Regressor& regressor, const BaseParamete
   ConsistentDynamics dynamics{
       .same = found->flag_or("same", false), .parameters = out.parameters, .bodies = {}, .growth = {}};
   if (!dynamics.same) {
+    dynamics.predict_worse = found->flag_or("predict_worse", false);
     dynamics.growth.setConstant(regressor.joints(), std::numeric_limits<double>::quiet_NaN());
     if (auto growth = found->mapping("residual_growth")) {
       for (Index j = 0; j < regressor.joints(); ++j)

@@ -56,6 +56,11 @@ DynamicsProblem::DynamicsProblem(const Regressor& regressor, const BaseParameter
     }
   }
   unknowns_ += base.size();
+  constexpr Index most_kept = 8'000'000;  // numbers: of short recordings, and of those that a choice is made by
+  if (joints() * base.size() * motion.size() <= most_kept) {
+    kept_.resize(joints() * base.size(), motion.size());
+    is_kept_.assign(static_cast<std::size_t>(motion.size()), false);
+  }
   free_.assign(static_cast<std::size_t>(unknowns_), true);
 }
 
@@ -126,9 +131,7 @@ class DynamicsProblem::Accumulator {
   }
   void evaluate(Index i) {
     const JointMotion& motion = problem_.motion_;
-    const MatrixXd& Y = regressor_.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i));
-    for (Index k = 0; k < problem_.base_size(); ++k)
-      Yb_.col(k) = Y.col(problem_.base_.independent[static_cast<std::size_t>(k)]);
+    find_rigid(i);
     for (Index j = 0; j < problem_.joints(); ++j) rigid_(j) = Yb_.row(j) * parameters_.base;
     if (motion.carried_torque.size() > 0) rigid_ += motion.carried_torque.col(i);
     for (Index r = 0; r < regressor_.rotors(); ++r)
@@ -155,6 +158,20 @@ class DynamicsProblem::Accumulator {
   std::vector<TriangularFactor> factors() && { return std::move(R_); }
 
  private:
+  /// Yb_ of sample i.
+  void find_rigid(Index i) {
+    const JointMotion& motion = problem_.motion_;
+    const bool kept = problem_.kept_.size() > 0;
+    if (kept && problem_.is_kept_[static_cast<std::size_t>(i)]) {
+      Yb_.reshaped() = problem_.kept_.col(i);
+      return;
+    }
+    const MatrixXd& Y = regressor_.at(motion.q.col(i), motion.qd.col(i), motion.qdd.col(i));
+    for (Index k = 0; k < problem_.base_size(); ++k)
+      Yb_.col(k) = Y.col(problem_.base_.independent[static_cast<std::size_t>(k)]);
+    if (kept) problem_.kept_.col(i) = Yb_.reshaped(), problem_.is_kept_[static_cast<std::size_t>(i)] = true;
+  }
+
   /// Whether a rotor's friction acts on a joint that moves.
   bool acts(Index rotor, Index i) const {
     for (Index j = 0; j < problem_.joints(); ++j)
@@ -212,11 +229,12 @@ DynamicsProblem::Pass DynamicsProblem::pass(const RobotParameters& parameters, c
     auto& of_joints = out.of_block.emplace_back();
     for (const auto& R : block) of_joints.push_back(R.R());
   }
-  for (std::size_t j = 0; j < columns_.size(); ++j) {
+  out.R.resize(columns_.size());
+  in_parallel(columns_.size(), threads_, [&](std::size_t j) {
     TriangularFactor all(static_cast<Index>(columns_[j].size()) + 1);
     for (const auto& block : partial) all.add(block[j]);
-    out.R.push_back(all.R());
-  }
+    out.R[j] = all.R();
+  });
   return out;
 }
 

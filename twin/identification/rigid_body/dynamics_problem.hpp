@@ -103,6 +103,10 @@ class DynamicsProblem {
   Eigen::MatrixXd slope_;                                    ///< of predicted torques; empty: lags are not unknown
   Eigen::Index unknowns_ = 0;
   std::vector<bool> free_;
+  /// The regressor of the base parameters, a column per sample, once it was computed; empty where that is too much. A
+  /// block is one thread's.
+  mutable Eigen::MatrixXd kept_;
+  mutable std::vector<char> is_kept_;
 };
 
 /// Unknowns of R's columns (`order`) that depend linearly on those before them, friction first: not identifiable.

@@ -176,8 +176,9 @@ TEST(DynamicsFile, KeepsConsistentParametersAndRanges) {
   Arm arm;
   for (const double noise_nm : {0.01, 1.5}) {
     SCOPED_TRACE(noise_nm);
-    const Fitted f = arm.fitted(arm.recording(3, noise_nm));
+    Fitted f = arm.fitted(arm.recording(3, noise_nm));
     EXPECT_EQ(f.consistent.same, noise_nm < 1);
+    f.consistent.predict_worse = noise_nm > 1;
     const MatrixXd load = gear_load(arm.regressor(), arm.base(), f.fit.parameters.base, f.motion, 1);
     const auto file = std::filesystem::path(testing::TempDir()) / "consistent.yaml";
     std::ofstream(file) << to_yaml(
@@ -188,6 +189,7 @@ TEST(DynamicsFile, KeepsConsistentParametersAndRanges) {
     ASSERT_TRUE(read) << read.error().message;
     ASSERT_TRUE(read->consistent);
     EXPECT_EQ(read->consistent->same, f.consistent.same);
+    EXPECT_EQ(read->consistent->predict_worse, noise_nm > 1);
     EXPECT_EQ(read->consistent->parameters.base, f.consistent.parameters.base);
     EXPECT_EQ(read->consistent->parameters.friction, f.consistent.parameters.friction);
     EXPECT_EQ(read->parameters.base, f.fit.parameters.base);

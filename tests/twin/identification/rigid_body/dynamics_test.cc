@@ -161,6 +161,31 @@ TEST(BaseParameters, OfADoublePendulumAreThoseOfTextbooks) {
                                            "b.mz", "j2.Ia"));
 }
 
+// A robot whose first axis is vertical and whose next two are parallel, with angles in as many digits.
+BaseParameters of_an_arm_with(const std::string& right_angle, const std::string& half_turn) {
+  const auto model = mujoco::load_string(fmt::format(
+      R"(<mujoco><compiler angle="radian"/><worldbody>
+     <body name="a" euler="{1} 0 0"><joint name="j1" axis="0 0 1"/><geom size=".1" pos=".02 .03 .1" mass="9"/>
+     <body name="b" pos=".1 .02 -.4" euler="{0} 0 0"><joint name="j2" axis="0 0 1"/><geom size=".1" pos=".3 .1 .2"/>
+     <body name="c" pos=".6 0 .1" euler="0 0 {0}"><joint name="j3" axis="0 0 1"/><geom size=".1" pos=".2 .1 .1"/>
+     <body name="d" pos=".05 0 .1" euler="-{0} 0 0"><joint name="j4" axis="0 0 1"/><geom size=".1" pos="0 0 .2"/>
+     </body></body></body></body></worldbody></mujoco>)",
+      right_angle, half_turn));
+  return base_parameters(*Regressor::create((*model)->get()));
+}
+
+TEST(BaseParameters, OfAnglesInFewDigitsAreThoseOfRightAngles) {
+  const BaseParameters exact = of_an_arm_with("1.5707963267948966", "3.141592653589793");
+  const double few = 1e-4;  // far above what five digits make of a metre, far below the numbers of the arm
+  for (const auto& [right, half] :
+       {std::pair{"1.5708", "3.1416"}, {"1.570796", "3.141593"}, {"1.57079633", "3.14159265"}}) {
+    const BaseParameters rounded = of_an_arm_with(right, half);
+    EXPECT_EQ(rounded.independent, exact.independent) << right;
+    ASSERT_EQ(rounded.from_all.rows(), exact.from_all.rows()) << right;
+    EXPECT_LT((rounded.from_all - exact.from_all).cwiseAbs().maxCoeff(), few) << right;
+  }
+}
+
 TEST(TriangularFactor, IsThatOfTheWholeMatrixHoweverItComes) {
   const MatrixXd A = MatrixXd::Random(3001, 7);
   TriangularFactor whole(7), part(7);
