@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <set>
 
 #include <fmt/format.h>
@@ -274,6 +275,8 @@ class Reader {
                                       name, expression));
     auto output = parse_output(name, expression, *typical_, summary_);
     if (!output) in_.fail("outputs", fmt::format("'{}': {}", expression, output.error().message));
+    if (std::ranges::find(keys, "duration_s") != keys.end())
+      output->range.high = std::numeric_limits<double>::infinity();
     plan_.outputs.push_back(std::move(*output));
   }
 
