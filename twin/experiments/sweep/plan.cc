@@ -129,6 +129,8 @@ class Reader {
   }
 
   void read_parameters_by_joint(Mapping joints) {
+    if (joints.names().empty())
+      in_.fail("parameters", "is empty; give a file, or one per joint: {JOINT: PARAMS.yaml}, or leave it out");
     for (const auto& joint : joints.names()) {
       const fs::path file = joints.file(joint, fs::absolute(plan_.file).parent_path());
       files_[joint] = fs::absolute(file).lexically_normal().string();
