@@ -1,5 +1,6 @@
 """tribotwin calibrate, killed (-9) again and again: the same command goes on, no simulation that was finished is made
-twice, and the results are those of an undisturbed run. Arguments: program; kills of each search (default 8); with "mpirun", also of ranks."""
+twice, and the results are those of an undisturbed run. Arguments: program; kills of each search (default 8); with
+"mpirun", also of ranks."""
 import collections, json, os, random, signal, struct, subprocess, sys, time
 
 import numpy as np

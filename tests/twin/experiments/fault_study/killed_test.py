@@ -1,5 +1,5 @@
-"""The power study of a fault study, killed (-9) again and again: the same command goes on, no fault that was finished is
-studied again, and the results are those of an undisturbed run. Arguments: program, source tree."""
+"""The power study of a fault study, killed (-9) again and again: the same command goes on, no fault that was finished
+is studied again, and the results are those of an undisturbed run. Arguments: program, source tree."""
 import os, random, signal, subprocess, sys, time
 
 import harness
