@@ -6,6 +6,15 @@ import atexit, os, shutil, subprocess, sys, tempfile, threading
 sys.dont_write_bytecode = True
 work = os.path.realpath(tempfile.mkdtemp(prefix="tribotwin_test_"))
 failures = []
+# For mpirun on one machine: loopback, shared memory, and root, as in a container.
+MPI_ENVIRONMENT = {
+    **os.environ,
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_btl": "self,vader",
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "OMPI_MCA_plm": "isolated",
+}
 _lock = threading.Lock()
 
 

@@ -5,10 +5,12 @@
 
 #include <tribotwin/twin/commands/calibrate/results.hpp>
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/io/command_line/version.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
+#include <tribotwin/twin/numerics/executor/journal.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
 
 namespace tribotwin::twin::program {
@@ -26,15 +28,11 @@ struct Arguments {
   bool json = false, quiet = false, force = false;
 };
 
-/// Fits what is missing; every fit that is done goes to `file`.
-Result<void> fit_missing(const Arguments& a, CalibrationResults& results, const fs::path& file) {
-  std::string write_error;
+/// Fits what is missing; every fit that is done goes to `file`, every simulation of the others to the journal.
+Result<void> fit_missing(const Arguments& a, CalibrationResults& results, const fs::path& file, Journal* journal) {
   const auto save = [&](const SimulationFit& fit) {
     results.fits.push_back(fit);
-    const auto ok = write_file(file, calibration_file(results), Existing::replace);
-    if (ok || !write_error.empty()) return;
-    write_error = ok.error().message;
-    interrupted() = true;  // further fits would be lost, too
+    return write_file(file, calibration_file(results), Existing::replace);
   };
   Progress progress(a.quiet, "calibrating");
   const auto started = std::chrono::steady_clock::now();
@@ -47,12 +45,23 @@ Result<void> fit_missing(const Arguments& a, CalibrationResults& results, const 
                                   .retries = a.retries,
                                   .folder = file.parent_path(),
                                   .identity = results.campaign.resolved,
+                                  .journal = journal,
                                   .stop = &interrupted(),
                                   .progress = show,
                                   .done = save});
-  if (!write_error.empty()) return work_failed(write_error);
   if (!outcome) return work_failed(outcome.error().message);
   return {};
+}
+
+/// What the same command goes on from; empty where nothing is there.
+std::string kept_of(const CalibrationResults& results, const fs::path& file, const Journal& journal) {
+  std::string kept;
+  if (!results.fits.empty())
+    kept = fmt::format("{} of {} fits are kept in {}", results.fits.size(), results.wanted(), file.string());
+  if (!journal.empty())
+    kept += fmt::format("{}simulations of unfinished fits are kept in {}", kept.empty() ? "" : ", and ",
+                        journal.file().string());
+  return kept;
 }
 
 Result<Exit> execute(const Arguments& a) {
@@ -63,26 +72,32 @@ Result<Exit> execute(const Arguments& a) {
                  file = directory / "calibration.json";
   FolderLock lock;
   CalibrationResults results{campaign, {}};
+  std::optional<Journal> journal;  // of rank 0
   const auto opened = ranks().on_root([&]() -> Result<void> {
     std::error_code error;
     fs::create_directories(directory, error);
     if (error) return work_failed(fmt::format("{}: cannot be created ({})", directory.string(), error.message()));
     if (auto ok = lock.take(directory); !ok) return work_failed(ok.error().message);
     results.fits = read_fits(campaign, file);
+    auto there = Journal::open(directory / "calibration.unfinished",
+                               campaign.resolved + version_text("tribotwin", mj_versionString()));
+    if (!there) return tl::unexpected(there.error());
+    journal = *std::move(there);
     return {};
   });
   if (!opened) return tl::unexpected(opened.error());
-  if (!results.fits.empty() && !a.quiet)
-    note("continues {}, where {} of {} fits are done", file.string(), results.fits.size(), results.wanted());
+  if (!a.quiet && journal)
+    if (const auto kept = kept_of(results, file, *journal); !kept.empty()) note("continues: {}", kept);
 
   catch_interrupts();
-  if (auto ok = fit_missing(a, results, file); !ok) return tl::unexpected(ok.error());
+  if (auto ok = fit_missing(a, results, file, journal ? &*journal : nullptr); !ok) return tl::unexpected(ok.error());
   if (!ranks().root()) return done;  // rank 0 has the fits
-  if (!results.complete())
-    return work_failed(results.fits.empty()
-                           ? "interrupted before the first fit was done; nothing is written"
-                           : fmt::format("interrupted; {} of {} fits are kept in {}, the same command continues there",
-                                         results.fits.size(), results.wanted(), file.string()));
+  if (!results.complete()) {
+    const auto kept = kept_of(results, file, *journal);
+    return work_failed(kept.empty() ? "interrupted before the first simulation was done; nothing is written"
+                                    : fmt::format("interrupted; {}; the same command continues there", kept));
+  }
+  journal->remove();
   for (std::size_t v = 0; v < campaign.plan.variants.size(); ++v)
     if (const auto ok = write_twin(results, *results.find(v, SimulationFit::all, 0), directory, replace_if(a.force));
         !ok)

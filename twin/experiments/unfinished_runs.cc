@@ -93,11 +93,15 @@ std::optional<std::string> UnfinishedRuns::find(const std::string& run) const {
 void UnfinishedRuns::clear(const fs::path& folder) {
   std::error_code error;
   std::vector<fs::path> unfinished;
-  for (const auto& entry : fs::directory_iterator(folder, error))
+  for (const auto& entry : fs::directory_iterator(folder, error)) {
+    const std::string there = entry.path().filename().string();
     for (const char* name : files_of_a_run)
-      if (entry.path().filename().string().starts_with(fmt::format(".{}.partial-", name)))
-        unfinished.push_back(entry.path());
-  for (const fs::path& file : unfinished) fs::remove(file, error);
+      if (there.starts_with(fmt::format(".{}.partial-", name))) unfinished.push_back(entry.path());
+    // What an attempt has set aside that was killed, too: the record of one before it. A whole run has a summary.
+    if (there.starts_with("replaced") && entry.is_directory(error) && !fs::exists(entry.path() / "summary.json", error))
+      unfinished.push_back(entry.path());
+  }
+  for (const fs::path& file : unfinished) fs::remove_all(file, error);
 }
 
 Result<void> UnfinishedRuns::keep(const std::string& run, const std::string& report) {

@@ -24,6 +24,9 @@ namespace {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
+/// In place of Simulation::Wanted, of what is made of several simulations.
+constexpr std::uint8_t slope_answer = 255;
+
 /// Distance of the points whose residuals give sigmas, in units of z.
 constexpr double sigma_step = 0.1;
 
@@ -52,7 +55,10 @@ void judge(const Posterior& posterior, const VectorXd& z, const std::vector<Post
   }
 }
 
-std::span<const double> span_of(const MatrixXd& m) { return {m.data(), static_cast<std::size_t>(m.size())}; }
+template <class Matrix>
+std::span<const double> span_of(const Matrix& m) {
+  return {m.data(), static_cast<std::size_t>(m.size())};
+}
 
 /// A point of a fit that is to be simulated, and by which recordings.
 struct Simulation {
@@ -104,7 +110,7 @@ class Calibration {
   struct Point {
     Wanted wanted{};
     VectorXd z;
-    std::vector<std::string> parts;  ///< what was simulated
+    std::map<std::size_t, std::string> parts{};  ///< what was simulated, by the first of its recordings
   };
   /// What one search, or after the last one the end of its fit, waits for.
   struct Inquirer {
@@ -116,7 +122,7 @@ class Calibration {
   };
   struct Task {
     Inquirer* of;
-    std::size_t point, part, first, last;
+    std::size_t point, first, last;
   };
 
   Calibration(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch,
@@ -155,19 +161,23 @@ class Calibration {
   std::size_t starts() const { return static_cast<std::size_t>(plan_.search.starts); }
 
   Result<void> run() {
+    for (std::size_t job = 0; watch_.journal && job < jobs_.size(); ++job)
+      if (!jobs_[job].open && kept_) kept_ = watch_.journal->forget(of_job(job));
     const Tasks tasks{.identity = watch_.identity,
                       .work = [this](std::size_t, const std::string& input) { return simulated(input); },
                       .own_processes = true,
-                      .keep = [this](std::size_t task, const std::string& result) -> Result<void> {
-                        over(task, result);
-                        return {};
-                      },
+                      .keep =
+                          [this](std::size_t task, const std::string& result) {
+                            over(task, result);
+                            return kept_;
+                          },
                       .failed = [this](const TaskFailure& failure) { lost(failure); },
                       .input = [this](std::size_t task) { return simulation_of(tasks_[task]).bytes(); },
                       .grown = [this] { return grown(); }};
     const auto outcome = carry_out(tasks, {.threads = watch_.threads, .retries = watch_.retries, .stop = watch_.stop});
     if (!outcome) return tl::unexpected(outcome.error());
     return ranks().on_root([this]() -> Result<void> {
+      if (!kept_) return kept_;
       std::ranges::stable_sort(failures_, {}, &TaskFailure::task);
       const auto name = [this](std::size_t job) { return label_of(jobs_[job].fit); };
       const auto input = [this](std::size_t job) { return failed_with_[job]; };
@@ -232,7 +242,7 @@ class Calibration {
 
   /// The points that are under way keep all workers busy while results travel; more searches would need more memory.
   std::size_t grown() {
-    for (; under_way_ < 8 * workers_ && next_ < jobs_.size() * starts(); ++next_)
+    for (; kept_ && under_way_ < 8 * workers_ && next_ < jobs_.size() * starts(); ++next_)
       if (const std::size_t job = next_ / starts(); jobs_[job].open) begin(job, next_ % starts());
     return tasks_.size();
   }
@@ -250,34 +260,123 @@ class Calibration {
     one.search = method_of(plan_.search) == SearchMethod::gauss_newton
                      ? gauss_newton(mean, low, high, {.evaluations = evaluations})
                      : cma_es(mean, {.evaluations = evaluations}, *one.gaussian);
-    ask(one);
+    if (ask(one)) go_on(one);
   }
 
-  void ask(Inquirer& one) {
+  /// What the search wants to know, or after the last one the end of its fit. False where nothing is to be simulated.
+  bool ask(Inquirer& one) {
+    while (!one.search->over()) {
+      one.points = points_of(one);
+      auto known = kept_answer(one);
+      if (!known) return hand_in(one), true;
+      one.search->answer(*std::move(known));
+    }
+    Job& job = jobs_[one.job];
+    const Minimum& found = job.minima[one.start] = one.search->outcome();
+    one.search.reset();
+    if (job.posterior.size() > 0)
+      show((plan_.search.evaluations - found.evaluations) * static_cast<double>(job.posterior.recordings()));
+    one.points.clear();
+    return ++job.searches == plan_.search.starts && ask_for_end(one);
+  }
+
+  std::vector<Point> points_of(const Inquirer& one) const {
     const Trial& trial = one.search->question();
     const bool slope = trial.step > 0;
-    const auto points = slope ? jobs_[one.job].posterior.neighbours(trial.points[0], trial.step, false) : trial.points;
-    one.points.clear();
-    for (const VectorXd& z : points) one.points.push_back({slope ? Wanted::residuals : Wanted::errors, z, {}});
-    hand_in(one);
+    std::vector<Point> points;
+    for (const VectorXd& z :
+         slope ? jobs_[one.job].posterior.neighbours(trial.points[0], trial.step, false) : trial.points)
+      points.push_back({slope ? Wanted::residuals : Wanted::errors, z});
+    return points;
   }
 
-  /// Makes tasks of the points. The last searches have fewer points than there are workers, which then share the
-  /// recordings of a point.
+  /// Makes tasks of what is not in the journal. The last searches have fewer points than there are workers, which then
+  /// share the recordings of a point.
   void hand_in(Inquirer& one) {
+    std::vector<Task> wanted;
+    for (std::size_t p = 0; p < one.points.size(); ++p)
+      for (const auto& [first, last] : missing_of(one, one.points[p])) wanted.push_back({&one, p, first, last});
     const bool last_ones = next_ + 1 >= jobs_.size() * starts();
-    const std::size_t points = under_way_ + one.points.size(), share = last_ones ? workers_ / points : 1;
+    const std::size_t share = last_ones && !wanted.empty() ? workers_ / (under_way_ + wanted.size()) : 1;
     one.missing = 0;
-    for (std::size_t p = 0; p < one.points.size(); ++p) {
-      Point& point = one.points[p];
-      const std::size_t all = recordings_of(one.job, point.wanted);
-      const std::size_t parts = point.wanted == Wanted::fit ? 1 : std::clamp<std::size_t>(share, 1, all);
-      point.parts.resize(parts);
-      for (std::size_t k = 0; k < parts; ++k) tasks_.push_back({&one, p, k, k * all / parts, (k + 1) * all / parts});
+    for (const Task& task : wanted) {
+      const std::size_t all = task.last - task.first;
+      const std::size_t parts =
+          one.points[task.point].wanted == Wanted::fit ? 1 : std::clamp<std::size_t>(share, 1, all);
+      for (std::size_t k = 0; k < parts; ++k)
+        tasks_.push_back({&one, task.point, task.first + k * all / parts, task.first + (k + 1) * all / parts});
       one.missing += parts;
     }
     under_way_ += one.missing;
   }
+
+  // ---- The journal. Searches repeat their questions in the same order, so what is there is found by its point.
+
+  /// The names of the tasks of a fit, of one of its searches or its end, and of a point begin so.
+  static std::string of_job(std::size_t job) { return BytesOut().put<std::uint64_t>(job).take(); }
+  std::string of_search(const Inquirer& one) const {
+    return of_job(one.job) + BytesOut().put<std::uint64_t>(one.search ? one.start : starts()).take();
+  }
+  std::string of_point(const Inquirer& one, const Point& point) const {
+    return of_search(one) + BytesOut().put(point.wanted).put(span_of(point.z)).take();
+  }
+  static std::string of_part(std::size_t first, std::size_t last) {
+    return BytesOut().put<std::uint64_t>(first).put<std::uint64_t>(last).take();
+  }
+  /// Slope and curvature, which take the place of the residuals that they are made of.
+  std::string of_slope(const Inquirer& one, const Trial& trial) const {
+    return of_search(one) + BytesOut().put(slope_answer).put(trial.step).put(span_of(trial.points[0])).take();
+  }
+
+  /// The answer to the question of a search, where it is a slope.
+  std::optional<Tried> kept_answer(const Inquirer& one) {
+    const Trial& trial = one.search->question();
+    if (!watch_.journal || !(trial.step > 0)) return std::nullopt;
+    const auto found = watch_.journal->find(of_slope(one, trial));
+    if (found.empty()) return std::nullopt;
+    BytesIn in(found.front().second);
+    const auto gradient = in.numbers<double>(), curvature = in.numbers<double>();
+    const Index n = std::ssize(gradient);
+    forget_points(one);
+    simulations_ -= static_cast<double>(one.points.size() * jobs_[one.job].posterior.recordings());
+    return Tried{.quadratic = {VectorXd::Map(gradient.data(), n), MatrixXd::Map(curvature.data(), n, n)}};
+  }
+
+  void keep_answer(const Inquirer& one, const Trial& trial, const Quadratic& answer) {
+    if (!watch_.journal) return;
+    BytesOut out;
+    out.put(span_of(answer.gradient)).put(span_of(answer.curvature));
+    kept_ = watch_.journal->keep(of_slope(one, trial), out.take());
+    forget_points(one);
+  }
+
+  void forget_points(const Inquirer& one) {
+    for (const Point& point : one.points)
+      if (kept_) kept_ = watch_.journal->forget(of_point(one, point));
+  }
+
+  /// Gives the point what the journal has of it; the ranges of recordings that are left to simulate.
+  std::vector<std::pair<std::size_t, std::size_t>> missing_of(const Inquirer& one, Point& point) {
+    std::vector<std::pair<std::size_t, std::size_t>> missing;
+    std::map<std::size_t, std::size_t> there;
+    if (watch_.journal)
+      for (const auto& [part, result] : watch_.journal->find(of_point(one, point))) {
+        BytesIn in(part);
+        const std::size_t first = in.get<std::uint64_t>(), last = in.get<std::uint64_t>();
+        there[first] = last;
+        point.parts[first] = std::string(result);
+        if (point.wanted != Wanted::fit) simulations_ -= static_cast<double>(last - first);
+      }
+    std::size_t next = 0;
+    for (const auto& [first, last] : there) {
+      if (next < first) missing.emplace_back(next, first);
+      next = last;
+    }
+    if (const std::size_t all = recordings_of(one.job, point.wanted); next < all) missing.emplace_back(next, all);
+    return missing;
+  }
+
+  // ----
 
   std::size_t recordings_of(std::size_t job, Wanted wanted) const {
     return wanted == Wanted::fit ? plan_.recordings.size() : jobs_[job].posterior.recordings();
@@ -292,10 +391,12 @@ class Calibration {
     const Task& task = tasks_[number];
     Inquirer& one = *task.of;
     Point& point = one.points[task.point];
-    point.parts[task.part] = result;
-    --under_way_;
+    --under_way_, --one.missing;
+    if (watch_.journal && kept_)
+      kept_ = watch_.journal->keep(of_point(one, point) + of_part(task.first, task.last), result);
+    point.parts[task.first] = result;
     if (point.wanted != Wanted::fit) show(static_cast<double>(task.last - task.first));
-    if (--one.missing == 0 && jobs_[one.job].open) go_on(one);
+    go_on(one);
   }
 
   void lost(const TaskFailure& failure) {
@@ -319,7 +420,7 @@ class Calibration {
 
   Posterior::Simulated all_parts(const Point& point) const {
     std::vector<MatrixXd> all;
-    for (const std::string& part : point.parts) {
+    for (const auto& [first, part] : point.parts) {
       BytesIn in(part);
       if (!in.get<bool>()) return std::nullopt;
       while (!in.empty()) {
@@ -331,40 +432,45 @@ class Calibration {
     return all;
   }
 
-  /// All that it has asked for is there.
+  /// While all that it has asked for is there.
   void go_on(Inquirer& one) {
-    if (!one.search) return finish(one);
-    Job& job = jobs_[one.job];
+    while (kept_ && one.missing == 0 && jobs_[one.job].open && answered(one)) {
+    }
+  }
+
+  /// Whether it has asked for more.
+  bool answered(Inquirer& one) {
+    if (!one.search) return finish(one), false;
+    const Job& job = jobs_[one.job];
     const Trial& trial = one.search->question();
     std::vector<Posterior::Simulated> at;
     for (const Point& point : one.points) at.push_back(all_parts(point));
     Tried tried;
-    if (trial.step > 0)
+    if (trial.step > 0) {
       tried.quadratic = job.posterior.quadratic(trial.points[0], trial.step, at);
-    else
+      keep_answer(one, trial, tried.quadratic);
+    } else {
       for (std::size_t p = 0; p < at.size(); ++p)
         tried.values.push_back(job.posterior.objective(trial.points[p], at[p]));
+    }
     one.search->answer(std::move(tried));
-    if (!one.search->over()) return ask(one);
-    const Minimum& found = job.minima[one.start] = one.search->outcome();
-    one.search.reset();
-    if (job.posterior.size() > 0)
-      show((plan_.search.evaluations - found.evaluations) * static_cast<double>(job.posterior.recordings()));
-    one.points.clear();
-    if (++job.searches == plan_.search.starts) ask_for_end(one);
+    return ask(one);
   }
 
-  /// Errors of the best point by all recordings, and what its sigmas need.
-  void ask_for_end(Inquirer& one) {
+  /// Errors of the best point by all recordings, and what its sigmas need. False where there is no best point.
+  bool ask_for_end(Inquirer& one) {
     const Job& job = jobs_[one.job];
     const Minimum& best = best_of(job);
-    if (!std::isfinite(best.objective))
-      return fail({.job = one.job, .z = best.z}, Error("every twin tried was refused or diverged", ErrorKind::work), 1);
-    one.points.push_back({Wanted::fit, best.z, {}});
+    if (!std::isfinite(best.objective)) {
+      fail({.job = one.job, .z = best.z}, Error("every twin tried was refused or diverged", ErrorKind::work), 1);
+      return false;
+    }
+    one.points.push_back({Wanted::fit, best.z});
     if (job.fit.split == SimulationFit::all)
       for (const VectorXd& z : job.posterior.neighbours(best.z, sigma_step, true))
-        one.points.push_back({Wanted::residuals, z, {}});
+        one.points.push_back({Wanted::residuals, z});
     hand_in(one);
+    return true;
   }
 
   static const Minimum& best_of(const Job& job) {
@@ -374,7 +480,7 @@ class Calibration {
   void finish(Inquirer& one) {
     Job& job = jobs_[one.job];
     const Minimum& best = best_of(job);
-    BytesIn in(one.points[0].parts[0]);
+    BytesIn in(one.points[0].parts.at(0));
     if (const std::string why = in.text(); !why.empty())
       return fail({.job = one.job, .z = best.z}, Error(why, ErrorKind::work), 1);
     SimulationFit& fit = job.fit;
@@ -393,13 +499,14 @@ class Calibration {
       judge(job.posterior, best.z, at, free, fit);
     }
     one.points.clear();
-    if (watch_.done) watch_.done(fit);
+    if (watch_.done) kept_ = watch_.done(fit);
+    if (kept_ && watch_.journal) kept_ = watch_.journal->forget(of_job(one.job));
   }
 
   /// Of the progress line.
   void show(double simulations) {
     simulated_ += simulations;
-    if (watch_.progress) watch_.progress(std::min(1.0, simulated_ / simulations_));
+    if (watch_.progress) watch_.progress(simulated_ < simulations_ ? simulated_ / simulations_ : 1);
   }
 
   const Plan& plan_;
@@ -413,7 +520,8 @@ class Calibration {
   std::size_t under_way_ = 0;                       ///< tasks that are not over
   std::vector<TaskFailure> failures_;               ///< of jobs
   std::map<std::size_t, std::string> failed_with_;  ///< values of the quantities
-  double simulations_ = 0, simulated_ = 0;
+  double simulations_ = 0, simulated_ = 0;          ///< to be made by this run; made
+  Result<void> kept_;                               ///< an error of the journal or of `done` ends all
   // Of a process of tasks.
   std::optional<std::size_t> made_of_;  ///< variant
   std::vector<double> made_values_;

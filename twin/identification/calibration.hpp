@@ -12,6 +12,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/identification/variant_twins.hpp>
+#include <tribotwin/twin/numerics/executor/journal.hpp>
 
 /// Identification by simulation, for recordings that are not friction curves: the whole twin (controller, motor, gear,
 /// arm) follows recorded goal positions as in `tribotwin run`; its error of position is minimised.
@@ -92,16 +93,20 @@ struct Watch {
   int retries = 1;                 ///< further attempts of a simulation whose process ended
   std::filesystem::path folder{};  ///< where failures.csv lists the fits that failed; empty: nowhere
   std::string identity;            ///< of the plan: MPI ranks whose identity differs take no part
+  Journal* journal = nullptr;      ///< of rank 0, for simulations of unfinished fits; null: they are not kept
   const std::atomic<bool>* stop = nullptr;
-  std::function<void(double share)> progress;      ///< one call at a time
-  std::function<void(const SimulationFit&)> done;  ///< on rank 0, one call at a time, in any order
+  std::function<void(double share)> progress;  ///< one call at a time
+  /// On rank 0, one call at a time, in any order; what the journal has of the fit is forgotten after it. An error (a
+  /// full disk) ends all.
+  std::function<Result<void>(const SimulationFit&)> done;
 };
 
 /// Fits every variant on all recordings and, for every fold, on those that are not held out; fits in `have` are
 /// skipped; `have` of rank 0 counts. All points that the searches ask for are distributed over processes of all MPI
 /// ranks, and their recordings where there are fewer points than processes; the results do not depend on their number.
 /// Collective. ErrorKind::work when a variant is refused, an identified twin diverges or a simulation crashes; the
-/// other fits are made all the same. After a stop the finished fits have been passed to `done`; that is no failure.
+/// other fits are made all the same. After a stop the finished fits have been passed to `done`, and the simulations of
+/// the others are in the journal, from which the next call takes them; that is no failure.
 Result<void> calibrate(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch);
 
 }  // namespace tribotwin::twin::identification

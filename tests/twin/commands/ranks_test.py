@@ -7,21 +7,11 @@ import numpy as np
 
 import harness
 from fleet_plant import Plant
-from harness import check, content, finish, path, work
+from harness import MPI_ENVIRONMENT as environment, check, content, finish, path, work
 from pendulum import PENDULUM
 
 program, source = sys.argv[1], sys.argv[2]
 kills, tasks, seed = (int(x) for x in (sys.argv[3:] + ["3", "80", "1"][len(sys.argv) - 3 :]))
-
-# Loopback, shared memory, and root, as in a container.
-environment = {
-    **os.environ,
-    "OMPI_ALLOW_RUN_AS_ROOT": "1",
-    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-    "OMPI_MCA_btl": "self,vader",
-    "OMPI_MCA_rmaps_base_oversubscribe": "1",
-    "OMPI_MCA_plm": "isolated",
-}
 
 
 def on_ranks(ranks, *arguments, **options):

@@ -53,6 +53,21 @@ check("leaves nothing behind", not os.path.exists(path("whole/.unfinished")), os
 truth, said = values("whole"), r.stdout
 plain = lambda text, folder: re.sub(r"[0-9.]+ s\b", "", text.replace(folder, "whole"))
 
+# A run that is killed again while it replaces what the first kill has left.
+command = [program, "run", "vary.yaml", "--threads", "1", "-o", "twice"]
+for waits_for in ("telemetry.h5", "replaced"):
+    p = subprocess.Popen(command, cwd=work, stdout=-3, stderr=-3)
+    end = time.time() + 60
+    while time.time() < end and p.poll() is None and not os.path.exists(path("twice", RUNS[0], waits_for)):
+        time.sleep(0.0005)
+    p.kill()
+    p.wait()
+check("killed twice in one run", os.path.exists(path("twice", RUNS[0], "replaced")))
+r = run("-o", "twice", "--quiet")
+check("killed twice: goes on", r.returncode == 0 and values("twice") == truth, r.stderr)
+left = {name: sorted(os.listdir(path("twice", name))) for name in RUNS}
+check("killed twice: nothing is left behind", left == {n: sorted(os.listdir(path("whole", n))) for n in RUNS}, left)
+
 for name, how in (("interrupted", signal.SIGINT), ("killed", signal.SIGKILL)):
     made = {}
     for wanted in (1, 3):

@@ -7,16 +7,20 @@
 #include <string_view>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
+#include <tribotwin/twin/diagnosis/healthy_file.hpp>
 #include <tribotwin/twin/experiments/fault_study/power.hpp>
 #include <tribotwin/twin/identification/samples/samples.hpp>
-#include <tribotwin/twin/numerics/executor/bytes.hpp>
-#include <tribotwin/twin/numerics/executor/executor.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/ranks.hpp>
+#include <tribotwin/twin/robot/fingerprint.hpp>
 
 namespace tribotwin::twin::study {
 namespace {
 
 using diagnosis::HealthyState, diagnosis::Observation, diagnosis::Verdict;
+using Json = nlohmann::json;
 
 constexpr double wanted_power = 0.95;
 constexpr double false_alarms[] = {0.01, diagnosis::two_sigma_false_alarm, 0.1, 0.2};
@@ -146,28 +150,33 @@ Result<Power> power_of_one(const Joint& joint, const HealthyState& healthy, cons
   return power;
 }
 
-std::string to_bytes(const Power& power) {
-  BytesOut out;
-  out.put(power.detection_limit).put<std::uint64_t>(power.roc.size());
-  for (const auto& [severity, false_alarm, detected] : power.roc) out.put(severity).put(false_alarm).put(detected);
-  for (const auto& [name, share] : power.named) out.put(std::string_view(name)).put(share);
-  return out.take();
+std::string to_text(const Power& power) {
+  Json j{{"fault", power.fault->name}, {"detection_limit", power.detection_limit}, {"named", power.named}};
+  for (const auto& [severity, false_alarm, detected] : power.roc) j["roc"].push_back({severity, false_alarm, detected});
+  return j.dump() + "\n";
 }
 
-Power from_bytes(const drive::FaultInfo& fault, const std::string& bytes) {
-  BytesIn in(bytes);
-  Power power{.fault = &fault, .detection_limit = in.get<double>()};
-  power.roc.resize(in.get<std::uint64_t>());
-  for (auto& point : power.roc) {
-    point.severity = in.get<double>();
-    point.false_alarm = in.get<double>();
-    point.detected = in.get<double>();
-  }
-  while (!in.empty()) {
-    const std::string name = in.text();
-    power.named[name] = in.get<double>();
-  }
+/// None where the text is no such fault's.
+std::optional<Power> from_text(const drive::FaultInfo& fault, const std::string& text) try {
+  const Json j = Json::parse(text);
+  if (j.at("fault") != fault.name) return std::nullopt;
+  Power power{.fault = &fault, .detection_limit = j.at("detection_limit"), .named = j.at("named")};
+  for (const Json& point : j.at("roc")) power.roc.push_back({point.at(0), point.at(1), point.at(2)});
   return power;
+} catch (const Json::exception&) {
+  return std::nullopt;
+}
+
+/// All that the powers of a joint depend on.
+std::string identity_of(const Campaign& campaign, const LevelStatistics& levels, const HealthyState& healthy,
+                        std::size_t draws, double false_alarm) {
+  Fingerprint learned;
+  for (const auto* column : {&levels.speed_rad_s, &levels.load_norm, &levels.stderr_nm}) learned.add(*column);
+  HealthyState anywhere = healthy;  // a study may be moved to another folder
+  anywhere.data.clear();
+  learned.add(diagnosis::to_yaml(anywhere));
+  return campaign.resolved_yaml +
+         fmt::format("# power: {} draws, false alarm {}, learned {:016x}\n", draws, false_alarm, learned.value());
 }
 
 }  // namespace
@@ -177,23 +186,30 @@ Result<std::vector<Power>> power_of(const Campaign& campaign, const LevelStatist
                                     const LabOptions& options) {
   const Joint joint(campaign, levels, healthy);
   const auto faults = drive::faults();
-  const Tasks tasks{.count = faults.size(),
-                    .identity = campaign.resolved_yaml,
-                    .work =
-                        [&](std::size_t i, const std::string&) {
-                          return power_of_one(joint, healthy, faults[i], draws, false_alarm).map(to_bytes);
-                        },
-                    .own_processes = true};
-  const auto outcome = carry_out(tasks, {.threads = options.threads, .retries = options.retries});
-  if (!outcome) return tl::unexpected(outcome.error());
-  const auto name = [&](std::size_t i) { return fmt::format("power of {}", faults[i].name); };
-  const auto input = [&](std::size_t) { return fmt::format("{} draws, seed {}", draws, campaign.seed); };
-  const auto written =
-      ranks().on_root([&] { return write_failures(options.directory, outcome->failures, name, input); });
-  if (!written) return work_failed(written.error().message);
-  if (!outcome->failures.empty()) return work_failed(text_of(outcome->failures, name));
+  ResumableJobs parts{
+      .folder = "faults",
+      .files = {},
+      .whole = [&](std::size_t i, const std::string& text) { return from_text(faults[i], text).has_value(); },
+      .make = [&](std::size_t i) -> Result<std::string> {
+        return power_of_one(joint, healthy, faults[i], draws, false_alarm).map(to_text);
+      }};
+  for (const auto& fault : faults) parts.files.push_back(fmt::format("{}.json", fault.name));
+  LabOptions own = options;
+  own.directory = options.directory / "power";
+  own.progress = {};  // of the curves
+  const std::string identity = identity_of(campaign, levels, healthy, draws, false_alarm);
+  const auto cleared = ranks().on_root([&]() -> Result<void> {
+    const auto there = read_text(own.directory / "campaign.yaml", "a file");
+    std::error_code ignored;
+    if (options.existing == Existing::replace && there && *there != identity)
+      std::filesystem::remove_all(own.directory, ignored);
+    return {};
+  });
+  if (!cleared) return tl::unexpected(cleared.error());
+  const auto completed = complete(identity, parts, own);
+  if (!completed) return tl::unexpected(completed.error());
   std::vector<Power> all;
-  for (std::size_t i = 0; i < faults.size(); ++i) all.push_back(from_bytes(faults[i], outcome->results[i]));
+  for (std::size_t i = 0; i < faults.size(); ++i) all.push_back(*from_text(faults[i], completed->texts[i]));
   return all;
 }
 

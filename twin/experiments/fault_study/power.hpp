@@ -31,8 +31,9 @@ struct Power {
   std::vector<Point> roc;
 };
 
-/// Every fault, at temperatures drawn from the learned range, `draws` curves per severity. Collective; each fault in
-/// a process of its own. ErrorKind::work where one failed: failures.csv in the folder of `options` lists those.
+/// Every fault, at temperatures drawn from the learned range, `draws` curves per severity. Collective; each fault is a
+/// part (resumable_jobs.hpp) in the folder `power` of that of `options`, from which an interrupted study goes on. Other
+/// powers there are refused (ErrorKind::input), or replaced where `options` says so.
 Result<std::vector<Power>> power_of(const Campaign& campaign, const LevelStatistics& levels,
                                     const diagnosis::HealthyState& healthy, std::size_t draws, double false_alarm,
                                     const LabOptions& options);

@@ -105,11 +105,11 @@ Json json_of(const Power& power) {
 
 Result<Json> verdicts(const Study& study, const Joint& joint, const LabOptions& options) {
   const auto all = observed(joint, options.directory);
-  if (!all) return tl::unexpected(all.error());
+  if (!all) return work_failed(all.error().message);
   std::vector<ObservationFile> healthy;
   for (const auto& series : study.learn) healthy.push_back(of_series(*all, joint.campaign, series));
   const auto state = diagnosis::learn(healthy, {}, diagnosis::ObservationOptions{}.load_sensitivity);
-  if (!state) return tl::unexpected(fmt::format("{}: {}", joint.name, state.error().message));
+  if (!state) return work_failed(fmt::format("{}: {}", joint.name, state.error().message));
 
   Json j{{"observations", Json::array()}, {"learned", Json::array()}};
   for (const auto& file : healthy)
@@ -117,7 +117,7 @@ Result<Json> verdicts(const Study& study, const Joint& joint, const LabOptions& 
   for (const auto& [series, name] : study.check) {
     const ObservationFile some = of_series(*all, joint.campaign, series);
     const auto judged = diagnosis::check(*state, some, {.false_alarm = study.false_alarm});
-    if (!judged) return tl::unexpected(fmt::format("{}: {}", joint.name, judged.error().message));
+    if (!judged) return work_failed(fmt::format("{}: {}", joint.name, judged.error().message));
     for (std::size_t i = 0; i < judged->size(); ++i) {
       const Observation& o = some.observations[i];
       Json row{{"load_kg", joint.campaign.curves[o.curve - 1].payload_kg}, {"state", name}, {"series", series}};
@@ -129,7 +129,8 @@ Result<Json> verdicts(const Study& study, const Joint& joint, const LabOptions& 
   if (study.draws > 0) {
     const auto power = power_of(joint.campaign, statistics_of(study, joint, options.directory), *state, study.draws,
                                 study.false_alarm, options);
-    if (!power) return work_failed(fmt::format("{}: {}", joint.name, power.error().message));
+    if (!power)
+      return tl::unexpected(Error(fmt::format("{}: {}", joint.name, power.error().message), power.error().kind));
     for (const Power& one : *power) j["power"].push_back(json_of(one));
   }
   return j;
@@ -228,7 +229,7 @@ Result<LabSummary> run_study(const Study& study, const LabOptions& options) {
         sum.outside += summary->outside, sum.saturated += summary->saturated;
     if (summary->saturated > 0) sum.torque_limit_nm = summary->torque_limit_nm;
     auto judged = verdicts(study, joint, own);
-    if (!judged) return work_failed(judged.error().message);
+    if (!judged) return tl::unexpected(judged.error());
     all[joint.name] = *std::move(judged);
   }
   const auto write = [&] {

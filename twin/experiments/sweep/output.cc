@@ -68,6 +68,27 @@ const json* below(const json& at, const std::string& key) {
   return at.is_object() && at.contains(key) ? &at[key] : nullptr;
 }
 
+/// Numbers of a summary that are never negative, by the last key of their path.
+constexpr std::string_view never_negative[] = {
+    "heat_J",  "rms",     "clamped_samples",    "mae_mrad", "baseline_mae_mrad",
+    "l1_mrad", "stuck_s", "standstill_pp_mrad", "steps",    "steps_computed"};
+
+/// What the value of an output can be.
+Range range_of(const Output& out, const Scenario& scenario) {
+  Range range;
+  const auto is = [&](const auto&... figures) { return out.path.empty() && ((out.figure == figures) || ...); };
+  const bool time = is(Figure::time_above, Figure::time_below) || (!out.path.empty() && out.path.back() == "stuck_s");
+  if (time || is(Figure::rms, Figure::max_abs) ||
+      (!out.path.empty() && std::ranges::find(never_negative, out.path.back()) != std::end(never_negative)))
+    range.low = 0;
+  if (!time) return range;
+  range.high = scenario.duration_s;
+  // What is known per work cycle is known of whole ones.
+  if (const double period_s = out.signal.of_cycles ? scenario.motion->period_s() : 0; period_s > 0)
+    range.high = std::floor(scenario.duration_s / period_s + 1e-9) * period_s;
+  return range;
+}
+
 /// The number at a path. Fails with what would be right.
 Result<double> number_at(const json& summary, const std::vector<std::string>& path) {
   const json* at = &summary;
@@ -93,6 +114,7 @@ Result<Output> path_output(Output out, const std::string& expression, const Scen
   json known = parse_json(summary_json(summary));
   if (scenario.baseline) known["comparison"] = {{"mae_mrad", 0}, {"baseline_mae_mrad", 0}};
   if (const auto number = number_at(known, out.path); !number) return tl::unexpected(number.error());
+  out.range = range_of(out, scenario);
   return out;
 }
 
@@ -150,6 +172,7 @@ Result<Output> parse_output(const std::string& name, const std::string& expressi
   if (!signal) return tl::unexpected(signal.error());
   out.figure = info->figure;
   out.signal = std::move(*signal);
+  out.range = range_of(out, scenario);
   if (!info->with_threshold) return out;
   const auto threshold = to_number(trimmed(arguments[1]));
   if (!threshold || !std::isfinite(*threshold))

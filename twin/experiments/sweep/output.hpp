@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include <tribotwin/twin/experiments/sweep/statistics.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
 
 /// What a sweep keeps of a run: numbers of summary.json, figures of the telemetry, and telemetry at given times.
@@ -40,6 +41,7 @@ struct Output {
   Figure figure = Figure::max;
   Signal signal;
   double threshold = 0;  ///< of time_above, time_below
+  Range range{};         ///< what the value can be
 };
 
 /// The output of an expression: a path with dots (joints.joint2.temperature_degC.end), or FIGURE(JOINT.CHANNEL) or

@@ -62,7 +62,9 @@ std::vector<std::pair<std::string, std::string>> changed_keys(const drive::Drive
   return keys;
 }
 
-void set_covariance(ParameterSet& set, const Identified& found, const std::vector<std::size_t>& drawn) {
+/// Fails where the correlations are no correlations.
+Result<void> set_covariance(ParameterSet& set, const Identified& found, const std::vector<std::size_t>& drawn) {
+  constexpr double rounding = 1e-4;  // of the six digits of a file
   const auto n = static_cast<Index>(drawn.size());
   MatrixXd correlation = MatrixXd::Identity(n, n);
   for (Index a = 0; a < n; ++a)
@@ -71,8 +73,20 @@ void set_covariance(ParameterSet& set, const Identified& found, const std::vecto
                  k = static_cast<Index>(drawn[static_cast<std::size_t>(b)]);
       const double r = found.covariance(i, k) / std::sqrt(found.covariance(i, i) * found.covariance(k, k));
       if (a != b && std::isfinite(r)) correlation(a, b) = r;
+      if (a > b && std::abs(correlation(a, b) - correlation(b, a)) > rounding) {
+        const auto name = [&](Index of) { return found.estimates[static_cast<std::size_t>(of)].name; };
+        return tl::unexpected(
+            Error(fmt::format("correlation: {0} with {1} is {2:.4g}, {1} with {0} is {3:.4g}; both are one", name(k),
+                              name(i), correlation(b, a), correlation(a, b))));
+      }
     }
+  if (symmetric_eigenvalues(correlation).minCoeff() < -rounding)
+    return tl::unexpected(
+        Error(fmt::format("correlation: those of {} contradict each other (the matrix has a negative eigenvalue), so "
+                          "nothing can be drawn; take the file as it was identified",
+                          set.joint)));
   set.root = triangular_root(correlation).transpose();
+  return {};
 }
 
 /// One parameter of the set, in the unit of the drive's key.
@@ -105,6 +119,9 @@ Result<ParameterSet> set_of(const fs::path& file, const drive::Drive& drive, con
   std::vector<std::string> without_sigma;
   for (std::size_t i = 0; i < found.estimates.size(); ++i) {
     const Estimate& e = found.estimates[i];
+    if (e.low > e.high)
+      return tl::unexpected(Error(fmt::format("{}: confidence_95: that of {} goes from {:g} to {:g}; the smaller first",
+                                              file.string(), e.name, e.low, e.high)));
     if (deviation_of(e) > 0)
       drawn.push_back(i);
     else if (e.status != identification::Status::fixed)
@@ -116,7 +133,8 @@ Result<ParameterSet> set_of(const fs::path& file, const drive::Drive& drive, con
   if (n == 0)
     return tl::unexpected(
         Error(fmt::format("{}: no parameter of {} has a sigma, so nothing can be drawn", file.string(), joint)));
-  set_covariance(set, found, drawn);
+  if (auto ok = set_covariance(set, found, drawn); !ok)
+    return tl::unexpected(Error(fmt::format("{}: {}", file.string(), ok.error().message)));
   std::erase_if(set.fixed,
                 [&](const auto& entry) { return std::ranges::find(set.keys, entry.first) != set.keys.end(); });
   note_unknown(set, file, without_sigma);

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <set>
 
 #include <fmt/format.h>
@@ -128,6 +129,8 @@ class Reader {
   }
 
   void read_parameters_by_joint(Mapping joints) {
+    if (joints.names().empty())
+      in_.fail("parameters", "is empty; give a file, or one per joint: {JOINT: PARAMS.yaml}, or leave it out");
     for (const auto& joint : joints.names()) {
       const fs::path file = joints.file(joint, fs::absolute(plan_.file).parent_path());
       files_[joint] = fs::absolute(file).lexically_normal().string();
@@ -274,6 +277,8 @@ class Reader {
                                       name, expression));
     auto output = parse_output(name, expression, *typical_, summary_);
     if (!output) in_.fail("outputs", fmt::format("'{}': {}", expression, output.error().message));
+    if (std::ranges::find(keys, "duration_s") != keys.end())
+      output->range.high = std::numeric_limits<double>::infinity();
     plan_.outputs.push_back(std::move(*output));
   }
 

@@ -118,7 +118,7 @@ Json output_json(const Plan& plan, const std::vector<RunResult>& runs, std::size
   auto values = sample_of(plan, runs, output);
   Json j{{"count", values.size()}};
   if (values.empty()) return j;
-  const Moments m = moments(values);
+  const Moments m = moments(values, plan.outputs[output].range);
   std::ranges::sort(values);
   j["mean"] = json_of(m.mean, plan.sampled());
   if (m.count > 1) j["deviation"] = json_of(m.deviation, plan.sampled());

@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <random>
 
@@ -100,12 +102,69 @@ SobolIndices with_intervals(std::span<const std::span<const double>> blocks, std
   }
   const Pair value = saltelli_estimate(blocks, group);
   if (first.size() < resamples / 2) return {{value.first, {}}, {value.total, {}}};
-  return {{value.first, percentiles(std::move(first))}, {value.total, percentiles(std::move(total))}};
+  const auto cut = [](const Interval& i, double high) {
+    return Interval{std::clamp(i.low, 0.0, high), std::clamp(i.high, 0.0, high)};
+  };
+  return {{value.first, cut(percentiles(std::move(first)), 1)},
+          {value.total, cut(percentiles(std::move(total)), std::numeric_limits<double>::infinity())}};
+}
+
+/// Kurtosis about a mean that is trimmed, so that one far value does not hide itself (Bonett 2006).
+double kurtosis_of(std::span<const double> values, double squares) {
+  const auto n = static_cast<double>(values.size());
+  std::vector<double> ascending(values.begin(), values.end());
+  std::ranges::sort(ascending);
+  const auto trimmed = static_cast<std::size_t>(n / (2 * std::sqrt(n - 4)));
+  const double centre = mean_of(std::span<const double>(ascending).subspan(trimmed, values.size() - 2 * trimmed));
+  double fourth = 0;
+  for (const double x : values) fourth += std::pow(x - centre, 4);
+  return n * fourth / (squares * squares);
+}
+
+std::optional<Interval> interval_of_deviation(std::span<const double> values, double squares) {
+  if (values.size() < 5 || squares == 0) return {};
+  constexpr double z = 1.959963984540054;
+  const auto n = static_cast<double>(values.size());
+  const double small_sample = n / (n - z), variance = small_sample * squares / (n - 1),
+               excess = std::max(0.0, kurtosis_of(values, squares) - (n - 3) / n),
+               spread = std::exp(z * small_sample * std::sqrt(excess / (n - 1)));
+  return Interval{std::sqrt(variance / spread), std::sqrt(variance * spread)};
+}
+
+/// Gaffke (2005), by random weights: those of the values and of one more at the end of the range are the gaps between
+/// uniform numbers. For values that are an end or the other, it is Clopper and Pearson's.
+Interval interval_on_range(std::span<const double> values, const Range& range) {
+  constexpr std::size_t draws = 2000;
+  std::mt19937_64 random(values.size());
+  std::exponential_distribution<double> gap;
+  std::vector<double> low, high;
+  for (std::size_t draw = 0; draw < draws; ++draw) {
+    const double further = gap(random);
+    double weights = further, sum = 0;
+    for (const double x : values) {
+      const double weight = gap(random);
+      weights += weight, sum += weight * x;
+    }
+    low.push_back((sum + further * range.low) / weights), high.push_back((sum + further * range.high) / weights);
+  }
+  return {percentiles(std::move(low)).low, percentiles(std::move(high)).high};
+}
+
+/// Whether so many values lie at an end of the range that those elsewhere are too few for Student's t.
+bool piles_up(std::span<const double> values, const Range& range) {
+  constexpr std::ptrdiff_t enough = 20;
+  const auto count = std::ssize(values);
+  return std::ranges::any_of(std::array{range.low, range.high}, [&](double end) {
+    if (!std::isfinite(end)) return false;
+    const double rounding = 1e-9 * std::max(1.0, std::abs(end));  // of a time, a sum of samples
+    const auto at_end = std::ranges::count_if(values, [&](double x) { return std::abs(x - end) <= rounding; });
+    return at_end > 0 && count - at_end < enough;
+  });
 }
 
 }  // namespace
 
-Moments moments(std::span<const double> values) {
+Moments moments(std::span<const double> values, const Range& range) {
   Moments m{.count = values.size()};
   if (values.empty()) return m;
   const auto [min, max] = std::ranges::minmax(values);
@@ -115,10 +174,13 @@ Moments moments(std::span<const double> values) {
   const double freedom = static_cast<double>(values.size() - 1), squares = squares_of(values, m.mean.value),
                deviation = std::sqrt(squares / freedom),
                half = student_t_quantile(freedom, 0.975) * deviation / std::sqrt(freedom + 1);
-  m.mean.interval = {m.mean.value - half, m.mean.value + half};
   m.deviation.value = deviation;
-  m.deviation.interval = {std::sqrt(squares / chi_squared_quantile(freedom, 0.975)),
-                          std::sqrt(squares / chi_squared_quantile(freedom, 0.025))};
+  if (piles_up(values, range)) {
+    if (std::isfinite(range.low) && std::isfinite(range.high)) m.mean.interval = interval_on_range(values, range);
+    return m;
+  }
+  m.mean.interval = {std::max(range.low, m.mean.value - half), std::min(range.high, m.mean.value + half)};
+  m.deviation.interval = interval_of_deviation(values, squares);
   return m;
 }
 

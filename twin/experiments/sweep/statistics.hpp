@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <optional>
 #include <span>
 #include <vector>
@@ -19,13 +20,22 @@ struct Estimated {
   std::optional<Interval> interval;  ///< none where the data give none
 };
 
-/// Of independent values; `mean` with Student's t, `deviation` with chi squared (of normal values).
+/// What a quantity can be.
+struct Range {
+  double low = -std::numeric_limits<double>::infinity(), high = std::numeric_limits<double>::infinity();
+};
+
+/// Of independent values. The interval of `mean` is Student's t, cut to the range. Where values lie at an end of the
+/// range and fewer than 20 elsewhere, as times above a threshold that few runs exceed, t is too narrow: then it is that
+/// of Gaffke (2005), the generalisation of Clopper and Pearson's to any distribution on a range, and none where one end
+/// of the range is infinite. `deviation` has the interval of Bonett (2006), which a heavy or light tail does not make
+/// wrong; none below 5 values and where the mean's is not t.
 struct Moments {
   std::size_t count = 0;
   Estimated mean{}, deviation{};
   double min = 0, max = 0;
 };
-Moments moments(std::span<const double> values);
+Moments moments(std::span<const double> values, const Range& range = {});
 
 /// The quantile of a sample, ascending: the p (n + 1)-th value, linear between neighbours, so that a further value is
 /// below it with probability p. The interval is one of order statistics, of any distribution; none where n is too small
@@ -43,7 +53,8 @@ struct SobolIndices {
 
 /// Of a design by Saltelli (2010), its table 2 (b) for `first` and (f), Jansen's, for `total`. `values`: one per run,
 /// NaN where it failed: its base point is left out. Intervals are of 500 bootstrap samples of base points, by
-/// percentiles. None where fewer than eight base points are whole or the output does not vary.
+/// percentiles, cut to what an index can be: 0 to 1, in total 0 and more. The estimate of a small index may be
+/// negative. None where fewer than eight base points are whole or the output does not vary.
 std::vector<std::optional<SobolIndices>> saltelli_indices(std::span<const double> values, std::size_t groups,
                                                           std::uint64_t seed);
 

@@ -89,7 +89,7 @@ std::string reason_to_stop(const Plan& plan, const std::vector<RunResult>& runs)
   if (plan.narrower_than.empty()) return {};
   std::vector<std::string> reached;
   for (const auto& [output, width] : plan.narrower_than) {
-    const auto interval = moments(sample_of(plan, runs, output)).mean.interval;
+    const auto interval = moments(sample_of(plan, runs, output), plan.outputs[output].range).mean.interval;
     if (!interval || !(interval->high - interval->low < width)) return {};
     reached.push_back(fmt::format("the 95 % interval of the mean of {} is {:.4g} wide, narrower than {:g}",
                                   plan.outputs[output].name, interval->high - interval->low, width));

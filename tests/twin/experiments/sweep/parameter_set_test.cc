@@ -26,6 +26,13 @@ correlation:
   vs: [0, 0.5, 0.1, 1]
 )";
 
+/// The law's file with other text in the place of this, once each.
+std::string with(std::initializer_list<std::pair<std::string, std::string>> changes) {
+  std::string text = law;
+  for (const auto& [from, to] : changes) text.replace(text.find(from), from.size(), to);
+  return text;
+}
+
 ParameterSet set_of(const std::string& text) {
   const TemporaryFile file(text);
   const auto model = *mujoco::load_file(TRIBOTWIN_SOURCE_DIR "/mjcf/irb6620.xml");
@@ -84,6 +91,15 @@ TEST(ParameterSet, RefusesWhatItCannotDraw) {
       {"no such joint", law, "joint9", "joint9"},
       {"no sigma at all", without, "joint2", "nothing can be drawn"},
       {"another torque_max_nm", std::string("torque_max_nm: 5") + law, "joint2", "torque_max_nm is 5, but the drive"},
+      {"a row that is not the column", with({{"[-0.6, 1,", "[0.6, 1,"}}), "joint2",
+       "Fc0 with Fcl is -0.6, Fcl with Fc0"},
+      {"correlations that contradict each other",
+       with({{"[1, -0.6, 0.3, 0]", "[1, 0.99, -0.99, 0]"},
+             {"[-0.6, 1, -0.2,", "[0.99, 1, 0.99,"},
+             {"[0.3, -0.2,", "[-0.99, 0.99,"}}),
+       "joint2", "contradict each other"},
+      {"an interval that ends before it begins", with({{"[8.72, 11.28]", "[11.28, 8.72]"}}), "joint2",
+       "vs goes from 11.28 to 8.72"},
       {"half a row of correlations", std::string(law).replace(std::string(law).find("[1, -0.6, 0.3, 0]"), 17, "[1, 0]"),
        "joint2", "must hold 4 numbers"},
   };

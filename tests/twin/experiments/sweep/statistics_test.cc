@@ -122,6 +122,67 @@ TEST(Intervals, HoldTheTruth) {
   }
 }
 
+/// Times above a threshold, in a run of 10 s: 0 in most runs, where few exceed it. The mean by simulation of 10^7.
+TEST(Intervals, OfATimeLieInTheRunAndHoldTheTruth) {
+  struct Case {
+    double threshold, truth;  ///< in standard deviations
+    double narrowest;         ///< share that must hold it
+  };
+  const Range run{0, 10};
+  for (const std::size_t n : {16u, 40u, 150u})
+    for (const Case& c : {Case{-0.5, 0.69780, 0.92}, {0.5, 0.19780, 0.92}, {1.3, 0.04553, 0.92}, {2, 0.00849, 0.92}}) {
+      int held = 0;
+      for (std::uint64_t seed = 1; seed <= 300; ++seed) {
+        auto sample = unit_points(DesignType::random, n, 1, seed);
+        for (double& x : sample) x = std::max(0.0, normal_quantile(x) - c.threshold);
+        const Interval i = *moments(sample, run).mean.interval;
+        EXPECT_GE(i.low, 0);
+        EXPECT_LE(i.high, 10);
+        held += i.low <= c.truth && c.truth <= i.high;
+      }
+      EXPECT_GE(held, c.narrowest * 300) << n << " runs, threshold " << c.threshold;
+    }
+}
+
+TEST(Intervals, OfAShareAreThoseOfClopperAndPearson) {
+  std::vector<double> values(20, 0.0);
+  values[3] = values[8] = values[9] = 1;
+  const Interval i = *moments(values, {0, 1}).mean.interval;
+  EXPECT_NEAR(i.low, 0.0321, 0.003);  // R: binom.test(3, 20)
+  EXPECT_NEAR(i.high, 0.3789, 0.01);
+  std::ranges::fill(values, 0.0);
+  const Interval none = *moments(values, {0, 1}).mean.interval;
+  EXPECT_EQ(none.low, 0);
+  EXPECT_NEAR(none.high, 1 - std::pow(0.025, 1.0 / 20), 0.01) << "20 runs that never exceed it say no more";
+  EXPECT_FALSE(moments(values, {.low = 0}).mean.interval) << "nobody knows how much the next one is";
+}
+
+TEST(Intervals, OfAnIndexLieBetweenNoneAndAll) {
+  const Saltelli s{.base_points = 64, .column_group = {0, 1, 2}};
+  for (std::uint64_t seed = 1; seed <= 20; ++seed)
+    for (const auto& found : saltelli_indices(ishigami_values(DesignType::random, 64, seed, s), 3, seed))
+      for (const auto& e : {found->first, found->total}) EXPECT_GE(e.interval->low, 0);
+}
+
+/// Of any distribution, not of normal values alone.
+TEST(Intervals, OfTheDeviationHoldTheTruth) {
+  const std::pair<const char*, std::function<double(double)>> cases[] = {
+      {"normal", normal_quantile},
+      {"uniform", [](double u) { return u * std::sqrt(12.0); }},
+      {"exponential", [](double u) { return -std::log(u); }}};
+  for (const auto& [name, value] : cases) {
+    int held = 0;
+    for (std::uint64_t seed = 1; seed <= 1000; ++seed) {
+      auto sample = unit_points(DesignType::random, 300, 1, seed);
+      for (double& x : sample) x = value(x);
+      const Interval i = *moments(sample).deviation.interval;
+      held += i.low <= 1 && 1 <= i.high;
+    }
+    EXPECT_GE(held, 920) << name;
+    EXPECT_LE(held, 975) << name;
+  }
+}
+
 TEST(Intervals, OfTheDeviationAndOfRankCorrelationsHoldTheTruth) {
   int deviation = 0, correlation = 0;
   const double r = 0.6, of_ranks = 6 / std::numbers::pi * std::asin(r / 2);

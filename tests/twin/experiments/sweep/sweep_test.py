@@ -58,6 +58,8 @@ r = run("small.yaml", "-o", "one", "--threads", "1")
 check("exits 0", r.returncode == 0, r.stderr)
 check("says what it did", "40 runs, 0 of them from earlier calls, 0 failed" in r.stdout, r.stdout)
 rows = list(csv.DictReader(open(path("one", "results.csv"))))
+above = statistics("one")["outputs"]["time_above(hinge.velocity_rad_s, 0.5)"]["mean"]["confidence_95"]
+check("the interval of a time lies in the run", 0 <= above[0] < above[1] <= 1, above)
 columns = "run temperature_degC drives.hinge.Fc0 seed heat_J joints.hinge.temperature_degC.end".split()
 columns += ["time_above(hinge.velocity_rad_s, 0.5)", "max_abs(hinge.friction_nm)", "status", "message"]
 check("results.csv: its columns", list(rows[0]) == columns and len(rows) == 40, list(rows[0]))
@@ -350,6 +352,7 @@ for name, old, new, says in (
         "parameters: {hinge: no.yaml}\nbands:",
         ["plan.yaml:13: parameters.hinge", "does not exist"],
     ),
+    ("no parameters", "bands:", "parameters: {}\nbands:", ["plan.yaml:13: parameters", "is empty", "PARAMS.yaml"]),
     (
         "parameters without a sigma",
         "bands:",
