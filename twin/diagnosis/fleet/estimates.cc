@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include <tribotwin/twin/diagnosis/fleet/claims.hpp>
 #include <tribotwin/twin/diagnosis/fleet/estimates.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 
@@ -57,8 +58,10 @@ class Variogram {
       : slopes_(within.slopes.middleCols(regions[which].first, regions[which].count)),
         unit_(within.residual.diagonal().segment(regions[which].first, regions[which].count).cwiseSqrt()),
         which_(which),
-        typical_(model.typical_scatter) {
-    for (auto& s : sums_) s.moment = MatrixXd::Zero(3, unit_.size() * unit_.size());
+        errors_(model, which) {
+    const Index p = unit_.size();
+    for (auto& s : sums_) s.moment = MatrixXd::Zero(3, p * p);
+    mix_ = MatrixXd::Zero(p * p, p * p);
   }
 
   void add(const Rows& rows) {
@@ -68,6 +71,7 @@ class Variogram {
       VectorXd y = rows[i].logarithmic.segment(r.first, r.count);
       if (std::isfinite(rows[i].temperature_degC)) y -= slopes_.transpose() * powers(rows[i]);
       rest.col(static_cast<Index>(i)) = y.cwiseQuotient(unit_);
+      mix(rows[i]);
     }
     for (const std::size_t lag : lags)
       for (std::size_t i = 0; i + lag < rows.size(); ++i)
@@ -82,14 +86,27 @@ class Variogram {
       const VectorXd flat = solution.row(row);
       return MatrixXd(flat.reshaped(p, p));
     };
-    diagonalise(matrix(0), matrix(1), out);
+    diagonalise(typical(matrix(0)), matrix(1), out);
     out.persistence = persistences[k];
     out.decouple *= unit_.cwiseInverse().asDiagonal();
   }
 
  private:
-  double v(const Row& row) const {
-    return typical_ > 0 && row.scatter[which_] > 0 ? row.scatter[which_] / typical_ : 1;
+  double v(const Row& row) const { return errors_.scatter(row); }
+
+  /// What the measurement's share of a product of differences is of S_n: K S_n K', here a sum of Kronecker products.
+  void mix(const Row& row) {
+    const Index p = unit_.size();
+    const MatrixXd K = unit_.cwiseInverse().asDiagonal() * errors_.relative_root(row) * unit_.asDiagonal();
+    for (Index i = 0; i < p; ++i)
+      for (Index k = 0; k < p; ++k) mix_.block(i * p, k * p, p, p) += K(i, k) / v(row) * K;
+    ++mixed_;
+  }
+  /// S_n from its mean over rows.
+  MatrixXd typical(const MatrixXd& mean) const {
+    const VectorXd flat = square_solution(mix_ / mixed_, mean.reshaped());
+    const MatrixXd S = flat.reshaped(mean.rows(), mean.cols());
+    return (S + S.transpose()) / 2;
   }
 
   void add_pair(const Row& a, const Row& b, const VectorXd& difference) {
@@ -118,15 +135,33 @@ class Variogram {
   const MatrixXd slopes_;
   const VectorXd unit_;
   const std::size_t which_;
-  const double typical_;
+  const Errors errors_;
+  MatrixXd mix_;
+  double mixed_ = 0;
   std::array<PairSums, persistences.size()> sums_;
 };
 
 /// One component of z of one robot.
 struct Series {
-  std::vector<double> days, scatter;
-  MatrixXd columns;  // regressors, then one column per component
+  std::vector<double> days;
+  std::vector<std::vector<double>> scatter;  // by component
+  MatrixXd columns;                          // regressors, then one column per component
 };
+Series series_of(const TypeModel& type, std::size_t region, const Errors& errors, const OwnCoordinates& own,
+                 const Rows& rows) {
+  const Index q = type.knows_temperature ? 2 : 1, p = type.region[region].features();
+  Series s{.days = {},
+           .scatter = std::vector<std::vector<double>>(static_cast<std::size_t>(p)),
+           .columns = MatrixXd(static_cast<Index>(rows.size()), q + p)};
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    s.days.push_back(rows[i].day);
+    const Small v = errors.variance(rows[i], own.turn);
+    for (Index k = 0; k < p; ++k) s.scatter[static_cast<std::size_t>(k)].push_back(v(k));
+    s.columns.row(static_cast<Index>(i)) << type.regressors(rows[i]).transpose(),
+        (own.turn * type.decoupled(rows[i], region)).transpose();
+  }
+  return s;
+}
 
 /// Restricted log-likelihood of a component for a ratio lambda, with the scale of the scatter at its maximum, which is
 /// returned in `scale`.
@@ -138,7 +173,7 @@ double restricted_likelihood(const std::vector<Series>& robots, Index q, Index c
     MatrixXd some(r.columns.rows(), q + 1);
     some << r.columns.leftCols(q), r.columns.col(q + component);
     double log_variance = 0;
-    some = whiten(one, 0, r.days, r.scatter, some, &log_variance);
+    some = whiten(one, 0, r.days, r.scatter[static_cast<std::size_t>(component)], some, &log_variance);
     // Gram and Schmidt: q is 1 or 2.
     for (Index i = 0; i < q; ++i) {
       const double squared = some.col(i).squaredNorm();
@@ -158,17 +193,14 @@ double restricted_likelihood(const std::vector<Series>& robots, Index q, Index c
 double most_likely_scatter(TypeModel& type, std::size_t region, const std::vector<Rows>& sample) {
   RegionModel& m = type.region[region];
   const Index q = type.knows_temperature ? 2 : 1, p = m.features();
+  const Errors errors(m, region);
+  // The variances of all robots in z: what their components have in common is left out of this likelihood.
+  const OwnCoordinates same{.turn = SmallMatrix::Identity(p, p), .lambda = {}};
   std::vector<Series> robots;
   double freedom = 0;
   for (const Rows& rows : sample) {
-    Series s{.days = {}, .scatter = {}, .columns = MatrixXd(static_cast<Index>(rows.size()), q + p)};
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      s.days.push_back(rows[i].day), s.scatter.push_back(type.scatter(rows[i], region));
-      s.columns.row(static_cast<Index>(i)) << type.regressors(rows[i]).transpose(),
-          type.decoupled(rows[i], region).transpose();
-    }
     freedom += static_cast<double>(static_cast<Index>(rows.size()) - q);
-    robots.push_back(std::move(s));
+    robots.push_back(series_of(type, region, errors, same, rows));
   }
   double total = freedom * std::log(std::abs(determinant(m.decouple)));
   VectorXd unit(p);
@@ -285,26 +317,27 @@ std::vector<RegionModel> learn_noise(const EachRobot& each, const WithinRobots& 
 RobotSums robot_sums(const TypeModel& type, std::size_t region, const Rows& rows) {
   const RegionModel& m = type.region[region];
   const Index q = type.knows_temperature ? 2 : 1, p = m.features(), n = static_cast<Index>(rows.size());
-  MatrixXd columns(n, q + p);  // regressors, then z
-  std::vector<double> days, scatter;
-  for (Index i = 0; i < n; ++i) {
-    const Row& row = rows[static_cast<std::size_t>(i)];
-    columns.row(i) << type.regressors(row).transpose(), type.decoupled(row, region).transpose();
-    days.push_back(row.day), scatter.push_back(type.scatter(row, region));
-  }
+  const Errors errors(m, region);
+  const OwnCoordinates own = errors.own(rows, {});
+  const Series series = series_of(type, region, errors, own, rows);
+  RegionModel component{.lambda = own.lambda, .persistence = m.persistence};
   RobotSums out{
       .information = MatrixXd::Zero(p * q, p * q), .moment = VectorXd::Zero(p * q), .products = MatrixXd::Zero(p, p)};
   MatrixXd residuals(n, p);
   for (Index k = 0; k < p; ++k) {
     MatrixXd some(n, q + 1);
-    some << columns.leftCols(q), columns.col(q + k);
-    some = whiten(m, k, days, scatter, some);
+    some << series.columns.leftCols(q), series.columns.col(q + k);
+    some = whiten(component, k, series.days, series.scatter[static_cast<std::size_t>(k)], some);
     const MatrixXd gram = some.transpose() * some;
-    out.information.block(k * q, k * q, q, q) = gram.topLeftCorner(q, q);
-    out.moment.segment(k * q, q) = gram.col(q).head(q);
+    // Of z: w_k = sum of turn(k, i) z_i.
+    for (Index i = 0; i < p; ++i) {
+      out.moment.segment(i * q, q) += own.turn(k, i) * gram.col(q).head(q);
+      for (Index l = 0; l < p; ++l)
+        out.information.block(i * q, l * q, q, q) += own.turn(k, i) * own.turn(k, l) * gram.topLeftCorner(q, q);
+    }
     if (n <= q) continue;
-    const VectorXd own = least_squares_solution(some.leftCols(q), some.col(q));
-    residuals.col(k) = some.col(q) - some.leftCols(q) * own;
+    const VectorXd left = least_squares_solution(some.leftCols(q), some.col(q));
+    residuals.col(k) = some.col(q) - some.leftCols(q) * left;
     out.freedom += static_cast<double>(n - q);
   }
   if (n > q) out.products = residuals.transpose() * residuals;

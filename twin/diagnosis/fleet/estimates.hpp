@@ -21,9 +21,9 @@ WithinRobots within_robots(const EachRobot& each, bool temperature);
 std::vector<RegionModel> learn_noise(const EachRobot& each, const WithinRobots& within, std::size_t region,
                                      TypeModel& type);
 
-/// Sums of one joint in the coordinates z: information X'R^-1 X and X'R^-1 z of every component, one after the other.
+/// Sums of one joint in the coordinates z: information X'R^-1 X and X'R^-1 z, component after component.
 struct RobotSums {
-  Eigen::MatrixXd information;      ///< p q x p q, block diagonal
+  Eigen::MatrixXd information;      ///< p q x p q
   Eigen::VectorXd moment;           ///< p q
   Eigen::MatrixXd products;         ///< p x p, of the residuals of the robot's own regression: their sum of products
   double squares = 0, freedom = 0;  ///< trace of `products`, and its degrees of freedom, of all p together

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/diagnosis/fleet/claims.hpp>
 #include <tribotwin/twin/diagnosis/fleet/estimates.hpp>
 #include <tribotwin/twin/diagnosis/healthy.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
@@ -22,6 +23,7 @@ void learn_conditions(const EachRobot& each, TypeModel& t) {
   double load_sum = 0, load_count = 0;
   std::array<std::vector<double>, 2> scatter;
   std::array<bool, 2> claimed{true, true};
+  std::array<MeanClaim, 2> claims;
   each([&](const Rows& rows) {
     if (rows.empty()) return;
     ++t.robots;
@@ -34,14 +36,17 @@ void learn_conditions(const EachRobot& each, TypeModel& t) {
       if (std::isfinite(row.load_norm)) load_sum += row.load_norm, ++load_count;
       for (std::size_t r = 0; r < 2; ++r) {
         claimed[r] = claimed[r] && row.scatter[r] > 0;
-        if (scatter[r].size() < scatter_samples) scatter[r].push_back(row.scatter[r]);
+        if (scatter[r].size() < scatter_samples) scatter[r].push_back(row.scatter[r]), claims[r].add(row, r);
       }
     }
   });
   t.knows_temperature = all_warm && t.temperature_high_degC - t.temperature_low_degC >= temperature_span_K;
   if (load_count > 0) t.load_norm = load_sum / load_count;
-  for (std::size_t r = 0; r < 2; ++r)
-    if (claimed[r] && !scatter[r].empty()) t.region[r].typical_scatter = identification::median_of(scatter[r]);
+  for (std::size_t r = 0; r < 2; ++r) {
+    if (!claimed[r] || scatter[r].empty()) continue;
+    t.region[r].typical_scatter = identification::median_of(scatter[r]);
+    t.region[r].typical_root = std::sqrt(t.region[r].typical_scatter) * Eigen::MatrixXd(claims[r].root());
+  }
 }
 
 /// The model with each persistence that learn_noise found possible, in one reading of the rows per step.
@@ -95,11 +100,6 @@ VectorXd TypeModel::decoupled(const Row& row, std::size_t which) const {
     y -= t * t * m.curvature;
   }
   return m.decouple * y;
-}
-
-double TypeModel::scatter(const Row& row, std::size_t which) const {
-  const double typical = region[which].typical_scatter;
-  return typical > 0 && row.scatter[which] > 0 ? row.scatter[which] / typical : 1;
 }
 
 Spread spread_of(const TypeModel& type) {
