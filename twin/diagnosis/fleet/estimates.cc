@@ -18,6 +18,11 @@ constexpr int between_rounds = 200;
 constexpr double improbable = 1e-3;            ///< probability below which a phi is left out
 constexpr std::size_t likelihood_rows = 6000;  ///< at most so many take part in the likelihood of the scatter
 
+constexpr int direction_steps = 3;                        ///< of Newton's method, from the variogram's directions
+constexpr double rough_lambda = 0.3, fine_lambda = 0.02;  ///< precision of ln lambda
+constexpr double alike = 0.02;  ///< of the information about a turn of two components: with less they are not turned
+constexpr double longest_step = 0.5;
+
 constexpr int scale_choices = 40;              ///< of k
 constexpr double inverse_freedom_step = 0.01;  ///< between their inverses
 
@@ -188,38 +193,109 @@ double restricted_likelihood(const std::vector<Series>& robots, Index q, Index c
   return -0.5 * (logs + freedom * (std::log(scale) + 1));
 }
 
-/// Sets lambda and the scale of every component to their restricted maximum likelihood for the directions W and phi of
-/// the region's model. Returns the likelihood of y.
-double most_likely_scatter(TypeModel& type, std::size_t region, const std::vector<Rows>& sample) {
-  RegionModel& m = type.region[region];
-  const Index q = type.knows_temperature ? 2 : 1, p = m.features();
-  const Errors errors(m, region);
-  // The variances of all robots in z: what their components have in common is left out of this likelihood.
-  const OwnCoordinates same{.turn = SmallMatrix::Identity(p, p), .lambda = {}};
+/// Z' P Z of the components Z, P the projection of the restricted likelihood of `component`.
+MatrixXd restricted_products(const std::vector<Series>& robots, Index q, Index component, double persistence,
+                             double lambda) {
+  const RegionModel one{.lambda = VectorXd::Constant(1, lambda), .persistence = persistence};
+  MatrixXd products;
+  for (const auto& r : robots) {
+    const Index p = r.columns.cols() - q;
+    if (products.size() == 0) products = MatrixXd::Zero(p, p);
+    MatrixXd some = whiten(one, 0, r.days, r.scatter[static_cast<std::size_t>(component)], r.columns);
+    for (Index i = 0; i < q; ++i) {
+      const double squared = std::max(some.col(i).squaredNorm(), 1e-300);
+      for (Index k = i + 1; k < q + p; ++k) some.col(k) -= some.col(i) * (some.col(i).dot(some.col(k)) / squared);
+    }
+    products += some.rightCols(p).transpose() * some.rightCols(p);
+  }
+  return products;
+}
+
+/// The sample in the coordinates z of the region's model.
+struct Sample {
   std::vector<Series> robots;
   double freedom = 0;
-  for (const Rows& rows : sample) {
-    freedom += static_cast<double>(static_cast<Index>(rows.size()) - q);
-    robots.push_back(series_of(type, region, errors, same, rows));
+
+  Sample(const TypeModel& type, std::size_t region, const std::vector<Rows>& rows_of) {
+    const Index p = type.region[region].features();
+    const Errors errors(type.region[region], region);
+    // The variances of all robots in z: what their components have in common is left out of this likelihood.
+    const OwnCoordinates same{.turn = SmallMatrix::Identity(p, p), .lambda = {}};
+    for (const Rows& rows : rows_of) {
+      freedom += static_cast<double>(static_cast<Index>(rows.size()) - (type.knows_temperature ? 2 : 1));
+      robots.push_back(series_of(type, region, errors, same, rows));
+    }
   }
-  double total = freedom * std::log(std::abs(determinant(m.decouple)));
+};
+
+/// Where a function of ln lambda is largest, by golden section: the likelihood has one maximum.
+template <class Function>
+double most_likely(const Function& likelihood, double precision) {
+  constexpr double golden = 0.61803398874989485;
+  double low = std::log(1e-3), high = std::log(1e3);
+  double a = high - golden * (high - low), b = low + golden * (high - low);
+  double at_a = likelihood(a), at_b = likelihood(b);
+  while (high - low > precision) {
+    if (at_a < at_b) {
+      low = a, a = b, at_a = at_b;
+      at_b = likelihood(b = low + golden * (high - low));
+    } else {
+      high = b, b = a, at_b = at_a;
+      at_a = likelihood(a = high - golden * (high - low));
+    }
+  }
+  return (low + high) / 2;
+}
+
+/// One step of Newton's method towards directions W of maximum likelihood, where z_i' P_i z_k = 0 (Pham 2001, with the
+/// covariances of days and measurement): z_i + e_ik z_k, pair by pair.
+void improve_directions(TypeModel& type, std::size_t region, const std::vector<Rows>& rows) {
+  RegionModel& m = type.region[region];
+  const Sample sample(type, region, rows);
+  const Index q = type.knows_temperature ? 2 : 1, p = m.features();
+  std::vector<MatrixXd> products;  // of a typical variance of 1
+  VectorXd unit(p);
+  for (Index k = 0; k < p; ++k) {
+    const auto at = [&](double log_lambda) {
+      return restricted_likelihood(sample.robots, q, k, m.persistence, std::exp(log_lambda), unit(k));
+    };
+    m.lambda(k) = std::exp(most_likely(at, rough_lambda));
+    products.push_back(restricted_products(sample.robots, q, k, m.persistence, m.lambda(k)));
+    unit(k) = products.back()(k, k) / sample.freedom;
+    products.back() /= unit(k);
+  }
+  const double n = sample.freedom;
+  MatrixXd step = MatrixXd::Identity(p, p);
+  for (Index i = 0; i < p; ++i)
+    for (Index k = i + 1; k < p; ++k) {
+      const MatrixXd &P_i = products[static_cast<std::size_t>(i)], &P_k = products[static_cast<std::size_t>(k)];
+      const double by_i = P_i(k, k), by_k = P_k(i, i), both = by_i * by_k - n * n;
+      // Two components of one lambda are independent in any directions that are at right angles.
+      const bool differ = both > alike * n * n;
+      const double together = (P_i(i, k) + P_k(i, k)) / (by_i + by_k + 2 * n);
+      step(i, k) = -(differ ? (by_k * P_i(i, k) - n * P_k(i, k)) / both : together);
+      step(k, i) = -(differ ? (by_i * P_k(i, k) - n * P_i(i, k)) / both : together);
+      for (double* e : {&step(i, k), &step(k, i)}) *e = std::clamp(*e, -longest_step, longest_step);
+    }
+  m.decouple = unit.cwiseSqrt().cwiseInverse().asDiagonal() * step * m.decouple;
+}
+
+/// Sets lambda and the scale of every component to their restricted maximum likelihood for the directions W and phi of
+/// the region's model. Returns the likelihood of y.
+double most_likely_scatter(TypeModel& type, std::size_t region, const std::vector<Rows>& rows) {
+  RegionModel& m = type.region[region];
+  const Sample sample(type, region, rows);
+  const Index q = type.knows_temperature ? 2 : 1, p = m.features();
+  double total = sample.freedom * std::log(std::abs(determinant(m.decouple)));
   VectorXd unit(p);
   m.lambda_variance = m.scale_by_lambda = VectorXd(p);
   for (Index k = 0; k < p; ++k) {
-    const auto at = [&](double log_lambda, double& scale) {
-      return restricted_likelihood(robots, q, k, m.persistence, std::exp(log_lambda), scale);
+    double scale = 1, below = 1, above = 1;
+    const auto at = [&](double log_lambda, double& to_scale) {
+      return restricted_likelihood(sample.robots, q, k, m.persistence, std::exp(log_lambda), to_scale);
     };
-    double low = std::log(1e-3), high = std::log(1e3), scale = 1;
-    for (int i = 0; i < 14; ++i) {  // golden section: the likelihood has one maximum
-      const double a = high - 0.618 * (high - low), b = low + 0.618 * (high - low);
-      if (at(a, scale) < at(b, scale))
-        low = a;
-      else
-        high = b;
-    }
-    double below = 1, above = 1;
-    const double best = (low + high) / 2, likelihood = at(best, unit(k));
-    const double less = at(best - 0.5, below), more = at(best + 0.5, above);
+    const double best = most_likely([&](double log_lambda) { return at(log_lambda, scale); }, fine_lambda);
+    const double likelihood = at(best, unit(k)), less = at(best - 0.5, below), more = at(best + 0.5, above);
     m.lambda(k) = std::exp(best);
     // The variance of ln lambda is 1 / curvature of the likelihood; the scale moves with it.
     m.lambda_variance(k) = 1 / std::max((2 * likelihood - less - more) / 0.25, 0.1);
@@ -227,7 +303,7 @@ double most_likely_scatter(TypeModel& type, std::size_t region, const std::vecto
     total += likelihood;
   }
   m.decouple = unit.cwiseSqrt().cwiseInverse().asDiagonal() * m.decouple;
-  m.noise_freedom = freedom;
+  m.noise_freedom = sample.freedom;
   return total;
 }
 
@@ -302,6 +378,7 @@ std::vector<RegionModel> learn_noise(const EachRobot& each, const WithinRobots& 
   std::vector<RegionModel> models;
   for (std::size_t k = 0; k < persistences.size(); ++k) {
     variogram.finish(k, model);
+    for (int i = 0; i < direction_steps; ++i) improve_directions(type, region, sample);
     model.probability = most_likely_scatter(type, region, sample);
     models.push_back(model);
   }
@@ -321,9 +398,7 @@ RobotSums robot_sums(const TypeModel& type, std::size_t region, const Rows& rows
   const OwnCoordinates own = errors.own(rows, {});
   const Series series = series_of(type, region, errors, own, rows);
   RegionModel component{.lambda = own.lambda, .persistence = m.persistence};
-  RobotSums out{
-      .information = MatrixXd::Zero(p * q, p * q), .moment = VectorXd::Zero(p * q), .products = MatrixXd::Zero(p, p)};
-  MatrixXd residuals(n, p);
+  RobotSums out{.information = MatrixXd::Zero(p * q, p * q), .moment = VectorXd::Zero(p * q)};
   for (Index k = 0; k < p; ++k) {
     MatrixXd some(n, q + 1);
     some << series.columns.leftCols(q), series.columns.col(q + k);
@@ -337,22 +412,10 @@ RobotSums robot_sums(const TypeModel& type, std::size_t region, const Rows& rows
     }
     if (n <= q) continue;
     const VectorXd left = least_squares_solution(some.leftCols(q), some.col(q));
-    residuals.col(k) = some.col(q) - some.leftCols(q) * left;
+    out.squares += (some.col(q) - some.leftCols(q) * left).squaredNorm();
     out.freedom += static_cast<double>(n - q);
   }
-  if (n > q) out.products = residuals.transpose() * residuals;
-  out.squares = out.products.trace();
   return out;
-}
-
-void decouple_residuals(const std::vector<RobotSums>& robots, RegionModel& out) {
-  const Index p = out.features();
-  MatrixXd products = MatrixXd::Zero(p, p);
-  double freedom = 0;
-  for (const auto& r : robots) products += r.products, freedom += r.freedom / static_cast<double>(p);
-  const SymmetricEigen axes = symmetric_eigen(products / freedom);
-  out.decouple = axes.vectors * axes.values.cwiseMax(floor_share).cwiseSqrt().cwiseInverse().asDiagonal() *
-                 axes.vectors.transpose() * out.decouple;
 }
 
 void learn_between(const std::vector<RobotSums>& all, RegionModel& out) {

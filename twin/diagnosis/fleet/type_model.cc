@@ -59,17 +59,11 @@ void learn_region(const EachRobot& each, const WithinRobots& within, std::size_t
   }
   const std::size_t step = 1 + t.robots / robots_in_sums;
   std::vector<std::vector<RobotSums>> sums(variants.size());
-  const auto sum_up = [&] {
-    for (auto& s : sums) s.clear();
-    std::size_t robot = 0;
-    each([&](const Rows& rows) {
-      if (rows.empty() || robot++ % step != 0) return;
-      for (std::size_t k = 0; k < variants.size(); ++k) sums[k].push_back(robot_sums(variants[k], which, rows));
-    });
-  };
-  sum_up();
-  for (std::size_t k = 0; k < variants.size(); ++k) decouple_residuals(sums[k], variants[k].region[which]);
-  sum_up();
+  std::size_t robot = 0;
+  each([&](const Rows& rows) {
+    if (rows.empty() || robot++ % step != 0) return;
+    for (std::size_t k = 0; k < variants.size(); ++k) sums[k].push_back(robot_sums(variants[k], which, rows));
+  });
   for (std::size_t k = 0; k < variants.size(); ++k) {
     RegionModel& m = variants[k].region[which];
     learn_scale(sums[k], m);

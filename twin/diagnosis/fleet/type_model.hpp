@@ -17,8 +17,9 @@
 ///   d_r ~ N(0, S_d), correlation phi^days   from day to day (Ornstein and Uhlenbeck),
 ///   e ~ N(0, K S_n K')                 of the measurement, K as each fit claims it for itself (claims.hpp),
 ///   S_d and S_n of robot r times s_r, 1 / s_r ~ chi^2_k / (k s)   (Smyth 2004).
-/// S_n, S_d and phi from the differences of observations of one robot (variogram, Cressie 1993, 2.4), mean and Omega by
-/// restricted maximum likelihood (EM, Laird 1982), k and s from the residual sums of squares.
+/// S_n, S_d and phi by restricted maximum likelihood, in directions that begin with those of the differences of
+/// observations of one robot (variogram, Cressie 1993, 2.4); mean and Omega too (EM, Laird 1982), k and s from the
+/// residual sums of squares.
 namespace tribotwin::twin::diagnosis::fleet {
 
 constexpr std::size_t robots_minimum = 6;  ///< from which robots borrow from each other
