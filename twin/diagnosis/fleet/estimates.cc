@@ -350,7 +350,7 @@ WithinRobots within_robots(const EachRobot& each, bool temperature) {
       const Features y = row.logarithmic - y_mean;
       gram += x * x.transpose(), moment += x * y.transpose(), out.covariance += y * y.transpose();
     }
-    out.freedom += n - 1;
+    out.freedom += n - 1, out.own_freedom += n - (temperature ? 2 : 1);
   });
   if (temperature) {
     const bool curved = gram(0, 1) * gram(0, 1) < 0.9999 * gram(0, 0) * gram(1, 1);

@@ -11,7 +11,8 @@ constexpr double temperature_unit_K = 10;
 struct WithinRobots {
   Eigen::Matrix<double, 2, feature_count> slopes = Eigen::Matrix<double, 2, feature_count>::Zero();
   FeatureMatrix covariance = FeatureMatrix::Zero(), residual = FeatureMatrix::Zero();
-  double freedom = 0;
+  double freedom = 0;      ///< about the means of robots
+  double own_freedom = 0;  ///< about regressions of each robot of its own
 };
 WithinRobots within_robots(const EachRobot& each, bool temperature);
 

@@ -136,11 +136,11 @@ Result<TypeModel> learn_type(const EachRobot& each) {
   TypeModel t;
   learn_conditions(each, t);
   const WithinRobots within = within_robots(each, t.knows_temperature);
-  if (within.freedom < static_cast<double>(observations_minimum))
+  if (within.own_freedom < static_cast<double>(observations_minimum))
     return tl::unexpected(Error(fmt::format(
-        "{} curve(s) of {} robot(s): the scatter from curve to curve needs {} or more beyond the first of each robot; "
-        "record some robots repeatedly, on different days, cold to hot",
-        t.observations, t.robots, observations_minimum)));
+        "{} curve(s) of {} robot(s): the scatter from curve to curve needs {} or more beyond the first{} of each "
+        "robot; record some robots repeatedly, on different days, cold to hot",
+        t.observations, t.robots, observations_minimum, t.knows_temperature ? " two" : "")));
   if (!(within.residual.diagonal().minCoeff() > 1e-18))
     return tl::unexpected(
         Error(fmt::format("the {} curves of {} robot(s) do not scatter: they are copies of each other, and do not show "

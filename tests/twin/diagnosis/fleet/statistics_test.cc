@@ -122,6 +122,16 @@ TEST(TypeModelOf, ARobotWithoutCurvesIsExpectedToBeLikeTheOthers) {
   EXPECT_LE(beyond, 9);  // of 60 at 5 %: 3, and 3 standard deviations
 }
 
+/// Two curves of each robot are its level and its effect of temperature: nothing is left that shows the scatter.
+TEST(TypeModelOf, TwoCurvesOfEachRobotAreRefused) {
+  const Plant plant({.robots = 60, .learned = 2, .fewest_learned = 2, .worn = 0}, 1);
+  const auto type = learn_type([&](const auto& visit) {
+    for (const auto& j : plant.joints) visit(j.healthy);
+  });
+  ASSERT_FALSE(type);
+  EXPECT_THAT(type.error().message, testing::HasSubstr("beyond the first two of each robot"));
+}
+
 /// With the model by which a plant is made, nothing estimated, p of both regions is uniform.
 void expect_uniform(const PlantOptions& options, unsigned seed) {
   constexpr std::array levels{0.5, 0.2, 0.1, 0.05, 0.01, 1e-3};
@@ -216,6 +226,7 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(
         Case{"usual", {}, 8, 0.10, 0.10, 0.98, 0.8}, Case{"small", {.robots = 40}, 10, 0.14, 0.14, 0.95, 0.5},
         Case{"few curves", {.learned = 6}, 4, 0.14, 0.14, 0.9, 0.2},
+        Case{"small and few curves", {.robots = 40, .learned = 6}, 10, 0.14, 0.14, 0.9, 0.1},
         Case{"independent days", {.persistence = 0}, 8, 0.10, 0.12, 0.98, 0.98},
         Case{"long memory", {.persistence = 0.95}, 8, 0.12, 0.12, 0.95, 0.8},
         Case{
