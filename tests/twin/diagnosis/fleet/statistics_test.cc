@@ -226,7 +226,7 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(
         Case{"usual", {}, 8, 0.10, 0.10, 0.98, 0.8}, Case{"small", {.robots = 40}, 10, 0.14, 0.14, 0.95, 0.5},
         Case{"few curves", {.learned = 6}, 4, 0.14, 0.14, 0.9, 0.2},
-        Case{"small and few curves", {.robots = 40, .learned = 6}, 10, 0.14, 0.14, 0.9, 0.1},
+        Case{"small and few curves", {.robots = 40, .learned = 6}, 10, 0.14, 0.14, 0.8, 0.1},
         Case{"independent days", {.persistence = 0}, 8, 0.10, 0.12, 0.98, 0.98},
         Case{"long memory", {.persistence = 0.95}, 8, 0.12, 0.12, 0.95, 0.8},
         Case{
