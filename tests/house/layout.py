@@ -47,6 +47,7 @@ ORDER = {
         "diagnosis",
         "diagnosis/fleet/database",
         "diagnosis/fleet",
+        "diagnosis/fleet/overview",
         "experiments",
         "experiments/friction",
         "experiments/fault_study",

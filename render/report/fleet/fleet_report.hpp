@@ -4,7 +4,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
-#include <tribotwin/twin/diagnosis/fleet/overview.hpp>
+#include <tribotwin/twin/diagnosis/fleet/overview/overview.hpp>
 
 namespace tribotwin::render {
 

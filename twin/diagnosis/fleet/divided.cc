@@ -78,6 +78,7 @@ void put(BytesOut& out, const Rows& rows) {
   for (const Row& r : rows) {
     out.put(r.day).put(r.temperature_degC).put(r.load_norm).put(r.scatter[0]).put(r.scatter[1]);
     for (const double x : r.logarithmic.reshaped()) out.put(x);
+    for (const float x : r.claim) out.put(x);
   }
 }
 Rows get_rows(BytesIn& in) {
@@ -85,6 +86,7 @@ Rows get_rows(BytesIn& in) {
   for (Row& r : rows) {
     for (double* x : {&r.day, &r.temperature_degC, &r.load_norm, &r.scatter[0], &r.scatter[1]}) *x = in.get<double>();
     for (double& x : r.logarithmic.reshaped()) x = in.get<double>();
+    for (float& x : r.claim) x = in.get<float>();
   }
   return rows;
 }
@@ -100,11 +102,13 @@ ByChoice get_by_choice(BytesIn& in) {
 
 void put(BytesOut& out, const Evidence& e) {
   put(out, e.healthy);
-  out.put(e.other[0]).put(e.other[1]);
+  for (const auto& region : e.other)
+    for (const double x : region) out.put(x);
 }
 Evidence get_evidence(BytesIn& in) {
   Evidence e{.healthy = get_by_choice(in)};
-  for (double& x : e.other) x = in.get<double>();
+  for (auto& region : e.other)
+    for (double& x : region) x = in.get<double>();
   return e;
 }
 

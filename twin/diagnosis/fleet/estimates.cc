@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include <tribotwin/twin/diagnosis/fleet/claims.hpp>
 #include <tribotwin/twin/diagnosis/fleet/estimates.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 
@@ -16,6 +17,11 @@ constexpr double floor_share = 1e-3;  ///< minimum of the measurement's share in
 constexpr int between_rounds = 200;
 constexpr double improbable = 1e-3;            ///< probability below which a phi is left out
 constexpr std::size_t likelihood_rows = 6000;  ///< at most so many take part in the likelihood of the scatter
+
+constexpr int direction_steps = 3;                        ///< of Newton's method, from the variogram's directions
+constexpr double rough_lambda = 0.3, fine_lambda = 0.02;  ///< precision of ln lambda
+constexpr double alike = 0.02;  ///< of the information about a turn of two components: with less they are not turned
+constexpr double longest_step = 0.5;
 
 constexpr int scale_choices = 40;              ///< of k
 constexpr double inverse_freedom_step = 0.01;  ///< between their inverses
@@ -57,8 +63,10 @@ class Variogram {
       : slopes_(within.slopes.middleCols(regions[which].first, regions[which].count)),
         unit_(within.residual.diagonal().segment(regions[which].first, regions[which].count).cwiseSqrt()),
         which_(which),
-        typical_(model.typical_scatter) {
-    for (auto& s : sums_) s.moment = MatrixXd::Zero(3, unit_.size() * unit_.size());
+        errors_(model, which) {
+    const Index p = unit_.size();
+    for (auto& s : sums_) s.moment = MatrixXd::Zero(3, p * p);
+    mix_ = MatrixXd::Zero(p * p, p * p);
   }
 
   void add(const Rows& rows) {
@@ -68,6 +76,7 @@ class Variogram {
       VectorXd y = rows[i].logarithmic.segment(r.first, r.count);
       if (std::isfinite(rows[i].temperature_degC)) y -= slopes_.transpose() * powers(rows[i]);
       rest.col(static_cast<Index>(i)) = y.cwiseQuotient(unit_);
+      mix(rows[i]);
     }
     for (const std::size_t lag : lags)
       for (std::size_t i = 0; i + lag < rows.size(); ++i)
@@ -82,14 +91,27 @@ class Variogram {
       const VectorXd flat = solution.row(row);
       return MatrixXd(flat.reshaped(p, p));
     };
-    diagonalise(matrix(0), matrix(1), out);
+    diagonalise(typical(matrix(0)), matrix(1), out);
     out.persistence = persistences[k];
     out.decouple *= unit_.cwiseInverse().asDiagonal();
   }
 
  private:
-  double v(const Row& row) const {
-    return typical_ > 0 && row.scatter[which_] > 0 ? row.scatter[which_] / typical_ : 1;
+  double v(const Row& row) const { return errors_.scatter(row); }
+
+  /// What the measurement's share of a product of differences is of S_n: K S_n K', here a sum of Kronecker products.
+  void mix(const Row& row) {
+    const Index p = unit_.size();
+    const MatrixXd K = unit_.cwiseInverse().asDiagonal() * errors_.relative_root(row) * unit_.asDiagonal();
+    for (Index i = 0; i < p; ++i)
+      for (Index k = 0; k < p; ++k) mix_.block(i * p, k * p, p, p) += K(i, k) / v(row) * K;
+    ++mixed_;
+  }
+  /// S_n from its mean over rows.
+  MatrixXd typical(const MatrixXd& mean) const {
+    const VectorXd flat = square_solution(mix_ / mixed_, mean.reshaped());
+    const MatrixXd S = flat.reshaped(mean.rows(), mean.cols());
+    return (S + S.transpose()) / 2;
   }
 
   void add_pair(const Row& a, const Row& b, const VectorXd& difference) {
@@ -118,15 +140,33 @@ class Variogram {
   const MatrixXd slopes_;
   const VectorXd unit_;
   const std::size_t which_;
-  const double typical_;
+  const Errors errors_;
+  MatrixXd mix_;
+  double mixed_ = 0;
   std::array<PairSums, persistences.size()> sums_;
 };
 
 /// One component of z of one robot.
 struct Series {
-  std::vector<double> days, scatter;
-  MatrixXd columns;  // regressors, then one column per component
+  std::vector<double> days;
+  std::vector<std::vector<double>> scatter;  // by component
+  MatrixXd columns;                          // regressors, then one column per component
 };
+Series series_of(const TypeModel& type, std::size_t region, const Errors& errors, const OwnCoordinates& own,
+                 const Rows& rows) {
+  const Index q = type.knows_temperature ? 2 : 1, p = type.region[region].features();
+  Series s{.days = {},
+           .scatter = std::vector<std::vector<double>>(static_cast<std::size_t>(p)),
+           .columns = MatrixXd(static_cast<Index>(rows.size()), q + p)};
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    s.days.push_back(rows[i].day);
+    const Small v = errors.variance(rows[i], own.turn);
+    for (Index k = 0; k < p; ++k) s.scatter[static_cast<std::size_t>(k)].push_back(v(k));
+    s.columns.row(static_cast<Index>(i)) << type.regressors(rows[i]).transpose(),
+        (own.turn * type.decoupled(rows[i], region)).transpose();
+  }
+  return s;
+}
 
 /// Restricted log-likelihood of a component for a ratio lambda, with the scale of the scatter at its maximum, which is
 /// returned in `scale`.
@@ -138,7 +178,7 @@ double restricted_likelihood(const std::vector<Series>& robots, Index q, Index c
     MatrixXd some(r.columns.rows(), q + 1);
     some << r.columns.leftCols(q), r.columns.col(q + component);
     double log_variance = 0;
-    some = whiten(one, 0, r.days, r.scatter, some, &log_variance);
+    some = whiten(one, 0, r.days, r.scatter[static_cast<std::size_t>(component)], some, &log_variance);
     // Gram and Schmidt: q is 1 or 2.
     for (Index i = 0; i < q; ++i) {
       const double squared = some.col(i).squaredNorm();
@@ -153,41 +193,109 @@ double restricted_likelihood(const std::vector<Series>& robots, Index q, Index c
   return -0.5 * (logs + freedom * (std::log(scale) + 1));
 }
 
-/// Sets lambda and the scale of every component to their restricted maximum likelihood for the directions W and phi of
-/// the region's model. Returns the likelihood of y.
-double most_likely_scatter(TypeModel& type, std::size_t region, const std::vector<Rows>& sample) {
-  RegionModel& m = type.region[region];
-  const Index q = type.knows_temperature ? 2 : 1, p = m.features();
+/// Z' P Z of the components Z, P the projection of the restricted likelihood of `component`.
+MatrixXd restricted_products(const std::vector<Series>& robots, Index q, Index component, double persistence,
+                             double lambda) {
+  const RegionModel one{.lambda = VectorXd::Constant(1, lambda), .persistence = persistence};
+  MatrixXd products;
+  for (const auto& r : robots) {
+    const Index p = r.columns.cols() - q;
+    if (products.size() == 0) products = MatrixXd::Zero(p, p);
+    MatrixXd some = whiten(one, 0, r.days, r.scatter[static_cast<std::size_t>(component)], r.columns);
+    for (Index i = 0; i < q; ++i) {
+      const double squared = std::max(some.col(i).squaredNorm(), 1e-300);
+      for (Index k = i + 1; k < q + p; ++k) some.col(k) -= some.col(i) * (some.col(i).dot(some.col(k)) / squared);
+    }
+    products += some.rightCols(p).transpose() * some.rightCols(p);
+  }
+  return products;
+}
+
+/// The sample in the coordinates z of the region's model.
+struct Sample {
   std::vector<Series> robots;
   double freedom = 0;
-  for (const Rows& rows : sample) {
-    Series s{.days = {}, .scatter = {}, .columns = MatrixXd(static_cast<Index>(rows.size()), q + p)};
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      s.days.push_back(rows[i].day), s.scatter.push_back(type.scatter(rows[i], region));
-      s.columns.row(static_cast<Index>(i)) << type.regressors(rows[i]).transpose(),
-          type.decoupled(rows[i], region).transpose();
+
+  Sample(const TypeModel& type, std::size_t region, const std::vector<Rows>& rows_of) {
+    const Index p = type.region[region].features();
+    const Errors errors(type.region[region], region);
+    // The variances of all robots in z: what their components have in common is left out of this likelihood.
+    const OwnCoordinates same{.turn = SmallMatrix::Identity(p, p), .lambda = {}};
+    for (const Rows& rows : rows_of) {
+      freedom += static_cast<double>(static_cast<Index>(rows.size()) - (type.knows_temperature ? 2 : 1));
+      robots.push_back(series_of(type, region, errors, same, rows));
     }
-    freedom += static_cast<double>(static_cast<Index>(rows.size()) - q);
-    robots.push_back(std::move(s));
   }
-  double total = freedom * std::log(std::abs(determinant(m.decouple)));
+};
+
+/// Where a function of ln lambda is largest, by golden section: the likelihood has one maximum.
+template <class Function>
+double most_likely(const Function& likelihood, double precision) {
+  constexpr double golden = 0.61803398874989485;
+  double low = std::log(1e-3), high = std::log(1e3);
+  double a = high - golden * (high - low), b = low + golden * (high - low);
+  double at_a = likelihood(a), at_b = likelihood(b);
+  while (high - low > precision) {
+    if (at_a < at_b) {
+      low = a, a = b, at_a = at_b;
+      at_b = likelihood(b = low + golden * (high - low));
+    } else {
+      high = b, b = a, at_b = at_a;
+      at_a = likelihood(a = high - golden * (high - low));
+    }
+  }
+  return (low + high) / 2;
+}
+
+/// One step of Newton's method towards directions W of maximum likelihood, where z_i' P_i z_k = 0 (Pham 2001, with the
+/// covariances of days and measurement): z_i + e_ik z_k, pair by pair.
+void improve_directions(TypeModel& type, std::size_t region, const std::vector<Rows>& rows) {
+  RegionModel& m = type.region[region];
+  const Sample sample(type, region, rows);
+  const Index q = type.knows_temperature ? 2 : 1, p = m.features();
+  std::vector<MatrixXd> products;  // of a typical variance of 1
+  VectorXd unit(p);
+  for (Index k = 0; k < p; ++k) {
+    const auto at = [&](double log_lambda) {
+      return restricted_likelihood(sample.robots, q, k, m.persistence, std::exp(log_lambda), unit(k));
+    };
+    m.lambda(k) = std::exp(most_likely(at, rough_lambda));
+    products.push_back(restricted_products(sample.robots, q, k, m.persistence, m.lambda(k)));
+    unit(k) = products.back()(k, k) / sample.freedom;
+    products.back() /= unit(k);
+  }
+  const double n = sample.freedom;
+  MatrixXd step = MatrixXd::Identity(p, p);
+  for (Index i = 0; i < p; ++i)
+    for (Index k = i + 1; k < p; ++k) {
+      const MatrixXd &P_i = products[static_cast<std::size_t>(i)], &P_k = products[static_cast<std::size_t>(k)];
+      const double by_i = P_i(k, k), by_k = P_k(i, i), both = by_i * by_k - n * n;
+      // Two components of one lambda are independent in any directions that are at right angles.
+      const bool differ = both > alike * n * n;
+      const double together = (P_i(i, k) + P_k(i, k)) / (by_i + by_k + 2 * n);
+      step(i, k) = -(differ ? (by_k * P_i(i, k) - n * P_k(i, k)) / both : together);
+      step(k, i) = -(differ ? (by_i * P_k(i, k) - n * P_i(i, k)) / both : together);
+      for (double* e : {&step(i, k), &step(k, i)}) *e = std::clamp(*e, -longest_step, longest_step);
+    }
+  m.decouple = unit.cwiseSqrt().cwiseInverse().asDiagonal() * step * m.decouple;
+}
+
+/// Sets lambda and the scale of every component to their restricted maximum likelihood for the directions W and phi of
+/// the region's model. Returns the likelihood of y.
+double most_likely_scatter(TypeModel& type, std::size_t region, const std::vector<Rows>& rows) {
+  RegionModel& m = type.region[region];
+  const Sample sample(type, region, rows);
+  const Index q = type.knows_temperature ? 2 : 1, p = m.features();
+  double total = sample.freedom * std::log(std::abs(determinant(m.decouple)));
   VectorXd unit(p);
   m.lambda_variance = m.scale_by_lambda = VectorXd(p);
   for (Index k = 0; k < p; ++k) {
-    const auto at = [&](double log_lambda, double& scale) {
-      return restricted_likelihood(robots, q, k, m.persistence, std::exp(log_lambda), scale);
+    double scale = 1, below = 1, above = 1;
+    const auto at = [&](double log_lambda, double& to_scale) {
+      return restricted_likelihood(sample.robots, q, k, m.persistence, std::exp(log_lambda), to_scale);
     };
-    double low = std::log(1e-3), high = std::log(1e3), scale = 1;
-    for (int i = 0; i < 14; ++i) {  // golden section: the likelihood has one maximum
-      const double a = high - 0.618 * (high - low), b = low + 0.618 * (high - low);
-      if (at(a, scale) < at(b, scale))
-        low = a;
-      else
-        high = b;
-    }
-    double below = 1, above = 1;
-    const double best = (low + high) / 2, likelihood = at(best, unit(k));
-    const double less = at(best - 0.5, below), more = at(best + 0.5, above);
+    const double best = most_likely([&](double log_lambda) { return at(log_lambda, scale); }, fine_lambda);
+    const double likelihood = at(best, unit(k)), less = at(best - 0.5, below), more = at(best + 0.5, above);
     m.lambda(k) = std::exp(best);
     // The variance of ln lambda is 1 / curvature of the likelihood; the scale moves with it.
     m.lambda_variance(k) = 1 / std::max((2 * likelihood - less - more) / 0.25, 0.1);
@@ -195,7 +303,7 @@ double most_likely_scatter(TypeModel& type, std::size_t region, const std::vecto
     total += likelihood;
   }
   m.decouple = unit.cwiseSqrt().cwiseInverse().asDiagonal() * m.decouple;
-  m.noise_freedom = freedom;
+  m.noise_freedom = sample.freedom;
   return total;
 }
 
@@ -242,7 +350,7 @@ WithinRobots within_robots(const EachRobot& each, bool temperature) {
       const Features y = row.logarithmic - y_mean;
       gram += x * x.transpose(), moment += x * y.transpose(), out.covariance += y * y.transpose();
     }
-    out.freedom += n - 1;
+    out.freedom += n - 1, out.own_freedom += n - (temperature ? 2 : 1);
   });
   if (temperature) {
     const bool curved = gram(0, 1) * gram(0, 1) < 0.9999 * gram(0, 0) * gram(1, 1);
@@ -270,6 +378,7 @@ std::vector<RegionModel> learn_noise(const EachRobot& each, const WithinRobots& 
   std::vector<RegionModel> models;
   for (std::size_t k = 0; k < persistences.size(); ++k) {
     variogram.finish(k, model);
+    for (int i = 0; i < direction_steps; ++i) improve_directions(type, region, sample);
     model.probability = most_likely_scatter(type, region, sample);
     models.push_back(model);
   }
@@ -285,41 +394,28 @@ std::vector<RegionModel> learn_noise(const EachRobot& each, const WithinRobots& 
 RobotSums robot_sums(const TypeModel& type, std::size_t region, const Rows& rows) {
   const RegionModel& m = type.region[region];
   const Index q = type.knows_temperature ? 2 : 1, p = m.features(), n = static_cast<Index>(rows.size());
-  MatrixXd columns(n, q + p);  // regressors, then z
-  std::vector<double> days, scatter;
-  for (Index i = 0; i < n; ++i) {
-    const Row& row = rows[static_cast<std::size_t>(i)];
-    columns.row(i) << type.regressors(row).transpose(), type.decoupled(row, region).transpose();
-    days.push_back(row.day), scatter.push_back(type.scatter(row, region));
-  }
-  RobotSums out{
-      .information = MatrixXd::Zero(p * q, p * q), .moment = VectorXd::Zero(p * q), .products = MatrixXd::Zero(p, p)};
-  MatrixXd residuals(n, p);
+  const Errors errors(m, region);
+  const OwnCoordinates own = errors.own(rows, {});
+  const Series series = series_of(type, region, errors, own, rows);
+  RegionModel component{.lambda = own.lambda, .persistence = m.persistence};
+  RobotSums out{.information = MatrixXd::Zero(p * q, p * q), .moment = VectorXd::Zero(p * q)};
   for (Index k = 0; k < p; ++k) {
     MatrixXd some(n, q + 1);
-    some << columns.leftCols(q), columns.col(q + k);
-    some = whiten(m, k, days, scatter, some);
+    some << series.columns.leftCols(q), series.columns.col(q + k);
+    some = whiten(component, k, series.days, series.scatter[static_cast<std::size_t>(k)], some);
     const MatrixXd gram = some.transpose() * some;
-    out.information.block(k * q, k * q, q, q) = gram.topLeftCorner(q, q);
-    out.moment.segment(k * q, q) = gram.col(q).head(q);
+    // Of z: w_k = sum of turn(k, i) z_i.
+    for (Index i = 0; i < p; ++i) {
+      out.moment.segment(i * q, q) += own.turn(k, i) * gram.col(q).head(q);
+      for (Index l = 0; l < p; ++l)
+        out.information.block(i * q, l * q, q, q) += own.turn(k, i) * own.turn(k, l) * gram.topLeftCorner(q, q);
+    }
     if (n <= q) continue;
-    const VectorXd own = least_squares_solution(some.leftCols(q), some.col(q));
-    residuals.col(k) = some.col(q) - some.leftCols(q) * own;
+    const VectorXd left = least_squares_solution(some.leftCols(q), some.col(q));
+    out.squares += (some.col(q) - some.leftCols(q) * left).squaredNorm();
     out.freedom += static_cast<double>(n - q);
   }
-  if (n > q) out.products = residuals.transpose() * residuals;
-  out.squares = out.products.trace();
   return out;
-}
-
-void decouple_residuals(const std::vector<RobotSums>& robots, RegionModel& out) {
-  const Index p = out.features();
-  MatrixXd products = MatrixXd::Zero(p, p);
-  double freedom = 0;
-  for (const auto& r : robots) products += r.products, freedom += r.freedom / static_cast<double>(p);
-  const SymmetricEigen axes = symmetric_eigen(products / freedom);
-  out.decouple = axes.vectors * axes.values.cwiseMax(floor_share).cwiseSqrt().cwiseInverse().asDiagonal() *
-                 axes.vectors.transpose() * out.decouple;
 }
 
 void learn_between(const std::vector<RobotSums>& all, RegionModel& out) {

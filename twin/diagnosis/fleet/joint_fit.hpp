@@ -1,15 +1,13 @@
 #pragma once
 
-#include <tribotwin/twin/diagnosis/fleet/type_model.hpp>
+#include <tribotwin/twin/diagnosis/fleet/claims.hpp>
 
 /// What the rows of one joint say in one region, under one persistence: generalised least squares with the type as
 /// prior,
 ///   B given the rows: precision A / s + D, D = (Omega + error of the mean)^-1, A = sum of x x' of whitened rows.
 namespace tribotwin::twin::diagnosis::fleet {
 
-constexpr int features_maximum = 3, regression_maximum = 6;  ///< p, p q
-using Small = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, features_maximum, 1>;
-using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, features_maximum, features_maximum>;
+constexpr int regression_maximum = 6;  ///< p q
 using Regression = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, regression_maximum, 1>;
 using RegressionMatrix =
     Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, regression_maximum, regression_maximum>;
@@ -22,8 +20,9 @@ class Choice {
   const RegionModel& model;
   const std::size_t region;
   const Eigen::Index p, q;
-  const RegressionMatrix prior;    ///< D
-  const SmallMatrix decouple;      ///< W
+  const RegressionMatrix prior;  ///< D
+  const SmallMatrix decouple;    ///< W
+  const Errors errors;
   const double log_determinant;    ///< ln |det W|
   const bool lambda_is_uncertain;  ///< else its effect is not computed
 };
@@ -51,7 +50,7 @@ struct WindowFit {
   Uncertainty uncertainty;
 };
 
-/// Rows of one joint, decoupled and less what the type expects.
+/// Rows of one joint in its own coordinates w, less what the type expects.
 class JointSeries {
  public:
   /// Both in the order of time, the recent ones after the healthy ones.
@@ -65,6 +64,7 @@ class JointSeries {
 
   struct Innovation {
     double statistic = 0, by_chance = 1;
+    Uncertainty uncertainty;
     double log_variance = 0;  ///< ln |F| of the row, of y; F its covariance given all before
   };
   /// Compares one recent row after the other with all before it. In order; `learn` false: from now on without taking
@@ -72,7 +72,7 @@ class JointSeries {
   class Follower;
 
  private:
-  static constexpr Eigen::Index shift_column = 2, z_column = 3;  ///< of Sums; x is in the first q
+  static constexpr Eigen::Index shift_column = 2, w_column = 3;  ///< of Sums; x is in the first q
   using Sums = Eigen::Matrix4d;
   /// Sums of products of whitened columns, of all rows; those of the healthy rows in `healthy`.
   Sums sums(Eigen::Index component, double lambda, Sums* healthy) const;
@@ -85,9 +85,12 @@ class JointSeries {
   Solved solve(const std::array<Sums, features_maximum>& sums, double scale) const;
 
   const Choice& choice_;
+  const OwnCoordinates own_;
+  SmallMatrix back_;        // Q^-1
+  RegressionMatrix prior_;  // D of w
   std::size_t healthy_, rows_;
-  std::vector<double> kept_, scatter_, temperature_;  // phi^days since the row before, v, x(1)
-  std::vector<double> z_;                             // row after row
+  std::vector<double> kept_, temperature_;  // phi^days since the row before, x(1)
+  std::vector<double> w_, variance_;        // of every component and its error, row after row
 };
 
 class JointSeries::Follower {

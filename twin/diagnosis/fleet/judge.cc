@@ -18,8 +18,6 @@ using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 constexpr double score_maximum = 8;     ///< normal scores are limited to this
 constexpr double unknown_below = 1e-3;  ///< probability of the misfit that the best pattern leaves
 constexpr double prior_healthy = 0.9;   ///< cancels: only the causes are compared
-constexpr double not_healthy = 0.1;     ///< share of joints that is allowed for where persistences are compared
-constexpr double others_variance = 25;  ///< of the shifts of those, relative to a healthy joint's
 
 /// Student's distribution of several numbers, at a T^2.
 double log_student(double p, double freedom, double log_variance, double statistic) {
@@ -28,48 +26,66 @@ double log_student(double p, double freedom, double log_variance, double statist
 }
 
 constexpr double lowest_factor = -0.4, factor_step = 0.1;  ///< logarithms
-constexpr double factor_deviation = 0.2;  ///< of the logarithm, beforehand: the model is taken for true to so much
+constexpr double factor_deviation = 0.2;    ///< of the logarithm, beforehand: the model is taken for true to so much
+constexpr double improbable_factor = 0.01;  ///< relative to a factor of 1
+
+/// ln of the density relative to that of a factor of 1.
+double log_density_of_factor(std::size_t i, const RegionModel& m, WeightsOf what) {
+  const double extrapolated = what == WeightsOf::shifts ? factor_deviation * factor_deviation : 0;
+  return -0.5 * log_factor(i) * log_factor(i) / (extrapolated + 2 / m.noise_freedom);
+}
 
 }  // namespace
 
 double log_factor(std::size_t i) { return lowest_factor + factor_step * static_cast<double>(i); }
 
-double log_prior_of_factor(std::size_t i, const RegionModel& m) {
-  const auto density = [&](std::size_t k) {
-    return -0.5 * log_factor(k) * log_factor(k) / (factor_deviation * factor_deviation + 2 / m.noise_freedom);
-  };
+std::vector<std::size_t> factors_of(const RegionModel& m, WeightsOf what) {
+  std::vector<std::size_t> all;
+  for (std::size_t i = 0; i < factor_count; ++i)
+    if (what == WeightsOf::shifts || log_density_of_factor(i, m, what) > std::log(improbable_factor)) all.push_back(i);
+  return all;
+}
+
+double log_prior_of_factor(std::size_t i, const RegionModel& m, WeightsOf what) {
   double sum = 0;
-  for (std::size_t k = 0; k < factor_count; ++k) sum += std::exp(density(k));
-  return density(i) - std::log(sum);
+  for (const std::size_t k : factors_of(m, what)) sum += std::exp(log_density_of_factor(k, m, what));
+  return log_density_of_factor(i, m, what) - std::log(sum);
 }
 
 PersistenceWeights::PersistenceWeights(const TypeModel& type, WeightsOf what) {
-  const bool factors = what == WeightsOf::shifts;
   for (std::size_t r = 0; r < regions.size(); ++r)
     for (std::size_t k = 0; k < type.choices(r); ++k) {
       const RegionModel& m = type.choice(r, k);
-      for (std::size_t i = 0; i < (factors ? factor_count : 1); ++i)
-        log_[r].push_back(std::log(m.probability) + (factors ? log_prior_of_factor(i, m) : 0));
+      for (const std::size_t i : factors_of(m, what))
+        log_[r].emplace_back().fill(std::log(m.probability) + log_prior_of_factor(i, m, what));
     }
 }
 
 void PersistenceWeights::add(const Evidence& joint) {
   for (std::size_t r = 0; r < regions.size(); ++r)
     for (std::size_t k = 0; k < log_[r].size(); ++k) {
-      const double healthy = joint.healthy[r][k], other = joint.other[r];
-      const double larger = std::max(healthy, other);
-      log_[r][k] +=
-          larger + std::log((1 - not_healthy) * std::exp(healthy - larger) + not_healthy * std::exp(other - larger));
+      auto sum = log_[r][k].begin();
+      const double healthy = joint.healthy[r][k];
+      for (const double other : joint.other[r]) {
+        const double larger = std::max(healthy, other), of_healthy = std::exp(healthy - larger),
+                     of_other = std::exp(other - larger);
+        for (const double share : others_shares)
+          *sum++ += larger + std::log((1 - share) * of_healthy + share * of_other);
+      }
     }
 }
 
 ByChoice PersistenceWeights::weights() const {
-  ByChoice out = log_;
-  for (auto& w : out) {
-    const double highest = std::ranges::max(w);
-    double sum = 0;
-    for (double& x : w) sum += x = std::exp(x - highest);
-    for (double& x : w) x /= sum;
+  ByChoice out;
+  for (std::size_t r = 0; r < regions.size(); ++r) {
+    double highest = -std::numeric_limits<double>::infinity(), sum = 0;
+    for (const auto& of_choice : log_[r]) highest = std::max(highest, std::ranges::max(of_choice));
+    for (const auto& of_choice : log_[r]) {
+      double w = 0;
+      for (const double x : of_choice) w += std::exp(x - highest);
+      out[r].push_back(w), sum += w;
+    }
+    for (double& w : out[r]) w /= sum;
   }
   return out;
 }
@@ -108,8 +124,9 @@ Shift Judge::shift(const Rows& healthy, const Rows& recent) const {
         out.evidence.healthy[r].push_back(log_student(p, scale.freedom, log_variance + p * log_factor(i), statistic));
       }
       if (&c != &region.choices.front()) continue;
-      out.evidence.other[r] =
-          log_student(p, scale.freedom, log_variance + p * std::log(others_variance), fit.statistic / others_variance);
+      for (std::size_t i = 0; i < others_variances.size(); ++i)
+        out.evidence.other[r][i] = log_student(p, scale.freedom, log_variance + p * std::log(others_variances[i]),
+                                               fit.statistic / others_variances[i]);
       out.mean[r] = region.back * fit.shift;
       out.covariance[r] = region.back * fit.covariance * region.back.transpose();
       out.freedom = std::min(out.freedom, scale.freedom);
@@ -180,34 +197,76 @@ Finding Judge::explain(const Rows& healthy, const Shift& shift, double load_sens
   return out;
 }
 
+namespace {
+
+/// The CUSUMs of a region under one persistence, one for each factor.
+class Charts {
+ public:
+  Charts(const Choice& choice, const CusumTail& tail)
+      : choice_(choice), tail_(tail), factors_(factors_of(choice.model, WeightsOf::charts)) {
+    sum_.assign(factors_.size(), 0);
+    density = sum_;
+  }
+
+  std::vector<double> density;  ///< log, by factor
+  std::array<double, others_variances.size()> other{};
+
+  /// Appends p of the step `i` of every factor to `p`; sum and p of a factor of 1.
+  std::pair<double, double> take(const JointSeries::Innovation& now, double scale_freedom, std::size_t i,
+                                 std::vector<double>& p) {
+    const auto features = static_cast<double>(choice_.p);
+    std::pair<double, double> of_one;
+    for (std::size_t k = 0; k < factors_.size(); ++k) {
+      const double factor = log_factor(factors_[k]);
+      const bool one = std::abs(factor) < factor_step / 2;
+      const double statistic = one ? now.statistic : now.statistic / std::exp(factor);
+      const double chance =
+          one ? now.by_chance : exceeded_by_chance(choice_.model, statistic, now.uncertainty, scale_freedom);
+      density[k] += log_student(features, scale_freedom, now.log_variance + features * factor, statistic);
+      sum_[k] = std::max(0.0, sum_[k] + score(chance) - cusum_allowance);
+      p.push_back(tail_(i + 1, sum_[k]));
+      if (one) of_one = {sum_[k], p.back()};
+    }
+    for (std::size_t k = 0; k < others_variances.size(); ++k)
+      other[k] += log_student(features, scale_freedom, now.log_variance + features * std::log(others_variances[k]),
+                              now.statistic / others_variances[k]);
+    return of_one;
+  }
+
+ private:
+  static double score(double chance) {
+    if (!(chance > 0)) return score_maximum;
+    return std::clamp(-normal_quantile(std::min(chance, 1 - 1e-15)), -score_maximum, score_maximum);
+  }
+
+  const Choice& choice_;
+  const CusumTail& tail_;
+  const std::vector<std::size_t> factors_;
+  std::vector<double> sum_;
+};
+
+}  // namespace
+
 Chart Judge::watch(const Rows& healthy, const Rows& recent, const CusumTail& tail, double stop_learning) const {
   Chart out;
   for (const Row& row : recent) out.steps.push_back({.day = row.day, .p = {}});
   for (std::size_t r = 0; r < regions.size(); ++r)
     for (const Choice& c : region_[r].choices) {
+      const bool first = &c == &region_[r].choices.front();
       const JointSeries series(c, healthy, recent);
       JointSeries::Follower follower(series, series.scale());
-      const auto p = static_cast<double>(c.p);
-      double sum = 0, density = 0, other = 0;
+      Charts charts(c, tail);
       bool learn = true;
       for (std::size_t i = 0; i < recent.size(); ++i) {
-        const auto [statistic, chance, log_variance] = follower.next(learn);
-        const double freedom = follower.scale().freedom;
-        density += log_student(p, freedom, log_variance, statistic);
-        other += log_student(p, freedom, log_variance + p * std::log(others_variance), statistic / others_variance);
-        if (learn) follower.learn_scale(statistic);
-        const double score =
-            chance > 0 ? std::clamp(-normal_quantile(std::min(chance, 1 - 1e-15)), -score_maximum, score_maximum)
-                       : score_maximum;
-        sum = std::max(0.0, sum + score - cusum_allowance);
-        Chart::Step& step = out.steps[i];
-        const double beyond = tail(i + 1, sum);
-        step.p[r].push_back(beyond);
-        if (&c == &region_[r].choices.front()) step.sum = std::max(step.sum, sum);
+        const auto now = follower.next(learn);
+        const auto [sum, beyond] = charts.take(now, follower.scale().freedom, i, out.steps[i].p[r]);
+        if (learn) follower.learn_scale(now.statistic);
+        if (first) out.steps[i].sum = std::max(out.steps[i].sum, sum);
         learn = learn && 2 * beyond > stop_learning;
       }
-      out.evidence.healthy[r].push_back(density);
-      if (&c == &region_[r].choices.front()) out.evidence.other[r] = other;
+      auto& evidence = out.evidence.healthy[r];
+      evidence.insert(evidence.end(), charts.density.begin(), charts.density.end());
+      if (first) out.evidence.other[r] = charts.other;
     }
   return out;
 }

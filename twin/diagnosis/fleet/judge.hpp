@@ -10,22 +10,33 @@
 /// What the newest observations say about one joint of a robot.
 namespace tribotwin::twin::diagnosis::fleet {
 
-/// Numbers by region and persistence (TypeModel::choice); of a Shift by persistence and factor, the factors of one
-/// persistence one after the other.
+/// Numbers by region, persistence (TypeModel::choice) and factor, the factors of one persistence one after the other.
 using ByChoice = std::array<std::vector<double>, 2>;
 
-/// What the variance of a shift may be relative to what the type says. The variance of the mean over days is
-/// extrapolated from healthy curves, all joints of a type with the same error: for one joint that is an uncertainty
-/// among others, but a plant has it in all joints at once. The shifts of all joints tell which factor is true.
+/// Charts compare each curve with those before it, and extrapolate nothing; their variances are estimates all the same.
+enum class WeightsOf { shifts, charts };
+
+/// What the variance of a shift, or of all innovations of a chart, may be relative to what the type says. It is an
+/// estimate, all joints of a type with the same error, that of a shift extrapolated from healthy curves to a mean over
+/// days: for one joint that is an uncertainty among others, but a plant has it in all joints at once. The shifts or
+/// charts of all joints tell which factor is true.
 constexpr std::size_t factor_count = 13;
 double log_factor(std::size_t i);
-/// ln of its probability beforehand: the logarithm of the factor is normal about 0.
-double log_prior_of_factor(std::size_t i, const RegionModel& model);
+/// The factors that are possible, those of shifts all; ln of the probability of each beforehand: the logarithm of the
+/// factor is normal about 0.
+std::vector<std::size_t> factors_of(const RegionModel& model, WeightsOf what);
+double log_prior_of_factor(std::size_t i, const RegionModel& model, WeightsOf what);
+
+/// What joints that are not healthy may be: their share among all, and the variance of their shifts relative to that of
+/// healthy joints. Were one share assumed that is too large, healthy joints of large shifts would count as theirs, and
+/// the variance of healthy shifts would be found too small.
+constexpr std::array others_shares{0.002, 0.01, 0.03, 0.1};
+constexpr std::array others_variances{25.0, 400.0};
 
 /// Log densities of what was observed of one joint.
 struct Evidence {
   ByChoice healthy;
-  std::array<double, 2> other{};  ///< if the joint may be anything
+  std::array<std::array<double, others_variances.size()>, 2> other{};  ///< if not healthy, by region and variance
 };
 
 /// How far a joint is from where it was: the mean over a window of deviations from its own healthy state, which is its
@@ -44,13 +55,10 @@ struct Shift {
   std::size_t observations = 0;
 };
 
-/// Charts have no factors: a chart compares each curve with those before it. With few robots and few curves that is not
-/// enough (README, limits).
-enum class WeightsOf { shifts, charts };
-
 /// How probable each persistence is. The healthy curves say it as far as they span days; the shifts of all joints say
 /// more, because most joints are healthy, and their shifts have the variance that the true persistence gives them
-/// (Efron 2004 takes the whole null distribution from there). With joints that are not healthy as a mixture.
+/// (Efron 2004 takes the whole null distribution from there). With joints that are not healthy as a mixture of unknown
+/// share, at most the largest of others_shares.
 class PersistenceWeights {
  public:
   PersistenceWeights(const TypeModel& type, WeightsOf what);
@@ -58,7 +66,8 @@ class PersistenceWeights {
   ByChoice weights() const;
 
  private:
-  ByChoice log_;
+  /// By region, and where ByChoice has one number: by share and variance of the others.
+  std::array<std::vector<std::array<double, others_shares.size() * others_variances.size()>>, 2> log_;
 };
 /// Probability by chance, of both regions: twice the smaller one (Bonferroni).
 double by_chance(const ByChoice& p, const ByChoice& weights);
@@ -80,7 +89,7 @@ struct Finding {
 struct Chart {
   struct Step {
     double day = 0;
-    double sum = 0;  ///< CUSUM, larger of both regions, under the most probable persistence
+    double sum = 0;  ///< CUSUM, larger of both regions, under the most probable persistence and a factor of 1
     ByChoice p;      ///< by chance on a healthy joint after as many steps
   };
   std::vector<Step> steps;

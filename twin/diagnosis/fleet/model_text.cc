@@ -48,6 +48,7 @@ Json json_of(const RegionModel& m) {
           {"scale_by_lambda", vector(m.scale_by_lambda)},
           {"probability", m.probability},
           {"typical_scatter", m.typical_scatter},
+          {"typical_root", matrix(m.typical_root)},
           {"scale", m.scale},
           {"scale_freedom", m.scale_freedom}};
 }
@@ -65,13 +66,15 @@ RegionModel region_of(const Json& j) {
           .lambda_variance = to_vector(j.at("lambda_variance")),
           .scale_by_lambda = to_vector(j.at("scale_by_lambda")),
           .typical_scatter = j.at("typical_scatter"),
+          .typical_root = to_matrix(j.at("typical_root")),
           .scale = j.at("scale"),
           .scale_freedom = j.at("scale_freedom"),
           .probability = j.at("probability")};
 }
 
-/// Counts up whenever models say something else: 2 has variances of lambda that REML leaves, and factors of shifts.
-constexpr int version = 2;
+/// Counts up whenever models say something else: 2 has variances of lambda that REML leaves, and factors of shifts; 3
+/// has claims by direction.
+constexpr int version = 3;
 
 InputError of_another_version() {
   return InputError("the store's models are of another version of tribotwin: learn again (tribotwin fleet learn)");

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/diagnosis/fleet/claims.hpp>
 #include <tribotwin/twin/diagnosis/fleet/database/database.hpp>
 #include <tribotwin/twin/diagnosis/fleet/model_text.hpp>
 #include <tribotwin/twin/diagnosis/fleet/store.hpp>
@@ -24,6 +25,8 @@ CREATE TABLE observations(joint INTEGER NOT NULL REFERENCES joints, time_s INTEG
   learned INTEGER NOT NULL, checksum INTEGER NOT NULL, file INTEGER NOT NULL REFERENCES files, line INTEGER NOT NULL,
   temperature_degC REAL, load_norm REAL, ripple_nm REAL, lost_motion_rad REAL, Fc_nm REAL, Fs_nm REAL, Vs_rad_s REAL,
   Fv REAL, beta REAL, scatter1 REAL, scatter2 REAL, residual_nm REAL, weak TEXT,
+  claim11 REAL, claim21 REAL, claim22 REAL, claim31 REAL, claim32 REAL, claim33 REAL, claim44 REAL, claim54 REAL,
+  claim55 REAL,
   PRIMARY KEY(joint, time_s, curve)) WITHOUT ROWID;
 CREATE TABLE models(type TEXT NOT NULL, joint TEXT NOT NULL, model TEXT NOT NULL, PRIMARY KEY(type, joint));
 CREATE TABLE checks(kind TEXT NOT NULL, time_s INTEGER NOT NULL, rate REAL NOT NULL, judged INTEGER NOT NULL,
@@ -34,13 +37,19 @@ CREATE TABLE verdicts(kind TEXT NOT NULL, time_s INTEGER NOT NULL, joint INTEGER
 CREATE TABLE notes(id INTEGER PRIMARY KEY, joint INTEGER REFERENCES joints, time_s INTEGER, text TEXT NOT NULL);
 )";
 
+/// Of ClaimRoots; stores of earlier versions have none.
+constexpr std::array claim_columns{"claim11", "claim21", "claim22", "claim31", "claim32",
+                                   "claim33", "claim44", "claim54", "claim55"};
+
 std::int64_t whole(std::size_t x) { return static_cast<std::int64_t>(x); }
 
 }  // namespace
 
 class Store::Made {
  public:
-  explicit Made(const std::string& name) : database_(open_database(name, schema)) {}
+  explicit Made(const std::string& name) : database_(open_database(name, schema)) {
+    for (const char* column : claim_columns) database_->add_column("observations", column);
+  }
 
   Statement& statement(const char* sql) { return database_->statement(sql); }
   void commit() { database_->commit(); }
@@ -151,14 +160,17 @@ Store::Put Store::put(const Entry& e, bool learned, bool replace) {
         .run();
   const Observation& o = e.observation;
   const std::string weak = joined(o.weak);
+  const auto claim = claim_roots(o.shape);
+  const auto root = [&](std::size_t i) { return double{claim[i]}; };
   made_
       ->statement(
           "INSERT INTO observations VALUES($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, "
-          "$18, $19, $20)")(joint, e.key.time_s, curve, std::int64_t{learned}, std::int64_t{e.checksum},
-                            made_->file_id(e.file), whole(e.line), o.temperature_degC, o.indicators[load],
-                            o.indicators[ripple], o.indicators[lost_motion], o.features(0), o.features(1),
-                            o.features(2), o.features(3), o.features(4), shape_scatter(o.shape, regions[0]),
-                            shape_scatter(o.shape, regions[1]), o.residual_nm, weak)
+          "$18, $19, $20, $21, $22, $23, $24, $25, $26, $27, $28, $29)")(
+          joint, e.key.time_s, curve, std::int64_t{learned}, std::int64_t{e.checksum}, made_->file_id(e.file),
+          whole(e.line), o.temperature_degC, o.indicators[load], o.indicators[ripple], o.indicators[lost_motion],
+          o.features(0), o.features(1), o.features(2), o.features(3), o.features(4), shape_scatter(o.shape, regions[0]),
+          shape_scatter(o.shape, regions[1]), o.residual_nm, weak, root(0), root(1), root(2), root(3), root(4), root(5),
+          root(6), root(7), root(8))
       .run();
   if (!weak.empty())
     made_
@@ -192,8 +204,9 @@ std::vector<JointName> Store::joints() {
 Rows Store::rows(std::int64_t joint, bool learned, std::int64_t from_s, std::int64_t to_s) {
   Rows out;
   auto& s = made_->statement(
-      "SELECT time_s, temperature_degC, load_norm, Fc_nm, Fs_nm, Vs_rad_s, Fv, beta, scatter1, scatter2 FROM "
-      "observations WHERE joint = $1 AND time_s BETWEEN $2 AND $3 AND learned = $4 AND weak = '' ORDER BY time_s, "
+      "SELECT time_s, temperature_degC, load_norm, Fc_nm, Fs_nm, Vs_rad_s, Fv, beta, scatter1, scatter2, claim11, "
+      "claim21, claim22, claim31, claim32, claim33, claim44, claim54, claim55 FROM observations WHERE joint = $1 AND "
+      "time_s BETWEEN $2 AND $3 AND learned = $4 AND weak = '' ORDER BY time_s, "
       "curve")(joint, from_s, to_s, std::int64_t{learned});
   while (s.row()) {
     Observation o;
@@ -203,6 +216,10 @@ Rows Store::rows(std::int64_t joint, bool learned, std::int64_t from_s, std::int
                    .load_norm = s.real(2),
                    .logarithmic = o.logarithmic(),
                    .scatter = {s.real(8), s.real(9)}});
+    for (int i = 0; i < 9; ++i) {
+      const double x = s.real(10 + i);
+      out.back().claim[static_cast<std::size_t>(i)] = std::isfinite(x) ? static_cast<float>(x) : 0;
+    }
   }
   return out;
 }

@@ -21,9 +21,9 @@ namespace {
 constexpr std::size_t chunk = 4096;  ///< curves, or joints, in memory
 constexpr std::size_t batch = 64;    ///< of these, in a task
 constexpr std::int64_t always = std::numeric_limits<std::int64_t>::max();
-/// False discoveries relative to the rate, as many as synthetic plants of fitted curves had at 5 %, 2 sigma above their
-/// mean (README, measured): errors of fits have heavier tails than the model's.
-constexpr double measured_excess = 3.2;
+/// False discoveries relative to the rate, the most that a kind of synthetic plants had at 5 %, 2 sigma above its mean
+/// (README, measured).
+constexpr double measured_excess = 2.3;
 
 /// Curves that are read, fitted and kept, a chunk at a time.
 class Import {

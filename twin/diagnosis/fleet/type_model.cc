@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/diagnosis/fleet/claims.hpp>
 #include <tribotwin/twin/diagnosis/fleet/estimates.hpp>
 #include <tribotwin/twin/diagnosis/healthy.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
@@ -22,6 +23,7 @@ void learn_conditions(const EachRobot& each, TypeModel& t) {
   double load_sum = 0, load_count = 0;
   std::array<std::vector<double>, 2> scatter;
   std::array<bool, 2> claimed{true, true};
+  std::array<MeanClaim, 2> claims;
   each([&](const Rows& rows) {
     if (rows.empty()) return;
     ++t.robots;
@@ -34,14 +36,17 @@ void learn_conditions(const EachRobot& each, TypeModel& t) {
       if (std::isfinite(row.load_norm)) load_sum += row.load_norm, ++load_count;
       for (std::size_t r = 0; r < 2; ++r) {
         claimed[r] = claimed[r] && row.scatter[r] > 0;
-        if (scatter[r].size() < scatter_samples) scatter[r].push_back(row.scatter[r]);
+        if (scatter[r].size() < scatter_samples) scatter[r].push_back(row.scatter[r]), claims[r].add(row, r);
       }
     }
   });
   t.knows_temperature = all_warm && t.temperature_high_degC - t.temperature_low_degC >= temperature_span_K;
   if (load_count > 0) t.load_norm = load_sum / load_count;
-  for (std::size_t r = 0; r < 2; ++r)
-    if (claimed[r] && !scatter[r].empty()) t.region[r].typical_scatter = identification::median_of(scatter[r]);
+  for (std::size_t r = 0; r < 2; ++r) {
+    if (!claimed[r] || scatter[r].empty()) continue;
+    t.region[r].typical_scatter = identification::median_of(scatter[r]);
+    t.region[r].typical_root = std::sqrt(t.region[r].typical_scatter) * Eigen::MatrixXd(claims[r].root());
+  }
 }
 
 /// The model with each persistence that learn_noise found possible, in one reading of the rows per step.
@@ -54,17 +59,11 @@ void learn_region(const EachRobot& each, const WithinRobots& within, std::size_t
   }
   const std::size_t step = 1 + t.robots / robots_in_sums;
   std::vector<std::vector<RobotSums>> sums(variants.size());
-  const auto sum_up = [&] {
-    for (auto& s : sums) s.clear();
-    std::size_t robot = 0;
-    each([&](const Rows& rows) {
-      if (rows.empty() || robot++ % step != 0) return;
-      for (std::size_t k = 0; k < variants.size(); ++k) sums[k].push_back(robot_sums(variants[k], which, rows));
-    });
-  };
-  sum_up();
-  for (std::size_t k = 0; k < variants.size(); ++k) decouple_residuals(sums[k], variants[k].region[which]);
-  sum_up();
+  std::size_t robot = 0;
+  each([&](const Rows& rows) {
+    if (rows.empty() || robot++ % step != 0) return;
+    for (std::size_t k = 0; k < variants.size(); ++k) sums[k].push_back(robot_sums(variants[k], which, rows));
+  });
   for (std::size_t k = 0; k < variants.size(); ++k) {
     RegionModel& m = variants[k].region[which];
     learn_scale(sums[k], m);
@@ -95,11 +94,6 @@ VectorXd TypeModel::decoupled(const Row& row, std::size_t which) const {
     y -= t * t * m.curvature;
   }
   return m.decouple * y;
-}
-
-double TypeModel::scatter(const Row& row, std::size_t which) const {
-  const double typical = region[which].typical_scatter;
-  return typical > 0 && row.scatter[which] > 0 ? row.scatter[which] / typical : 1;
 }
 
 Spread spread_of(const TypeModel& type) {
@@ -142,11 +136,11 @@ Result<TypeModel> learn_type(const EachRobot& each) {
   TypeModel t;
   learn_conditions(each, t);
   const WithinRobots within = within_robots(each, t.knows_temperature);
-  if (within.freedom < static_cast<double>(observations_minimum))
+  if (within.own_freedom < static_cast<double>(observations_minimum))
     return tl::unexpected(Error(fmt::format(
-        "{} curve(s) of {} robot(s): the scatter from curve to curve needs {} or more beyond the first of each robot; "
-        "record some robots repeatedly, on different days, cold to hot",
-        t.observations, t.robots, observations_minimum)));
+        "{} curve(s) of {} robot(s): the scatter from curve to curve needs {} or more beyond the first{} of each "
+        "robot; record some robots repeatedly, on different days, cold to hot",
+        t.observations, t.robots, observations_minimum, t.knows_temperature ? " two" : "")));
   if (!(within.residual.diagonal().minCoeff() > 1e-18))
     return tl::unexpected(
         Error(fmt::format("the {} curves of {} robot(s) do not scatter: they are copies of each other, and do not show "

@@ -15,16 +15,17 @@
 ///   y = B_r' x + c T^2 + d_r(t) + e,   x = (1, T), T in units of 10 K from the middle of the learned temperatures,
 ///   vec B_r ~ N(mean, Omega)           between robots,
 ///   d_r ~ N(0, S_d), correlation phi^days   from day to day (Ornstein and Uhlenbeck),
-///   e ~ N(0, v S_n)                    of the measurement, v as each fit claims it for itself,
+///   e ~ N(0, K S_n K')                 of the measurement, K as each fit claims it for itself (claims.hpp),
 ///   S_d and S_n of robot r times s_r, 1 / s_r ~ chi^2_k / (k s)   (Smyth 2004).
-/// S_n, S_d and phi from the differences of observations of one robot (variogram, Cressie 1993, 2.4), mean and Omega by
-/// restricted maximum likelihood (EM, Laird 1982), k and s from the residual sums of squares.
+/// S_n, S_d and phi by restricted maximum likelihood, in directions that begin with those of the differences of
+/// observations of one robot (variogram, Cressie 1993, 2.4); mean and Omega too (EM, Laird 1982), k and s from the
+/// residual sums of squares.
 namespace tribotwin::twin::diagnosis::fleet {
 
 constexpr std::size_t robots_minimum = 6;  ///< from which robots borrow from each other
 
-/// Coordinates z = W (y - c T^2), in which W S_n W' = 1 and W S_d W' = diag(lambda): the p numbers of an observation
-/// are independent but for what robots have in common.
+/// Coordinates z = W (y - c T^2), in which W S_n W' = 1 and W S_d W' = diag(lambda): the p numbers of a typical
+/// observation are independent but for what robots have in common; those of others in coordinates of their own robot.
 struct RegionModel {
   Eigen::MatrixXd decouple;    ///< W, p x p
   Eigen::VectorXd lambda;      ///< p, >= 0
@@ -39,6 +40,7 @@ struct RegionModel {
   /// measurement and day cannot be separated, their sum is known all the same.
   Eigen::VectorXd lambda_variance, scale_by_lambda;
   double typical_scatter = 0;             ///< v = scatter / this; 0: v = 1
+  Eigen::MatrixXd typical_root;           ///< L of the typical claim (claims.hpp); empty: claims are v alone
   double scale = 1, scale_freedom = 1e6;  ///< s, k
   double probability = 1;                 ///< of this persistence, given the healthy curves
 
@@ -66,7 +68,6 @@ struct TypeModel {
   Eigen::VectorXd regressors(const Row& row) const;
   /// z of a row.
   Eigen::VectorXd decoupled(const Row& row, std::size_t region) const;
-  double scatter(const Row& row, std::size_t region) const;
 };
 
 /// Standard deviations of ln Fc at the middle temperature, for people.

@@ -122,26 +122,57 @@ TEST(TypeModelOf, ARobotWithoutCurvesIsExpectedToBeLikeTheOthers) {
   EXPECT_LE(beyond, 9);  // of 60 at 5 %: 3, and 3 standard deviations
 }
 
+/// Two curves of each robot are its level and its effect of temperature: nothing is left that shows the scatter.
+TEST(TypeModelOf, TwoCurvesOfEachRobotAreRefused) {
+  const Plant plant({.robots = 60, .learned = 2, .fewest_learned = 2, .worn = 0}, 1);
+  const auto type = learn_type([&](const auto& visit) {
+    for (const auto& j : plant.joints) visit(j.healthy);
+  });
+  ASSERT_FALSE(type);
+  EXPECT_THAT(type.error().message, testing::HasSubstr("beyond the first two of each robot"));
+}
+
 /// With the model by which a plant is made, nothing estimated, p of both regions is uniform.
-TEST(Shift, HasAUniformPUnderTheTrueModel) {
+void expect_uniform(const PlantOptions& options, unsigned seed) {
   constexpr std::array levels{0.5, 0.2, 0.1, 0.05, 0.01, 1e-3};
-  for (const double persistence : {0.0, 0.8}) {
-    const PlantOptions options{.robots = 15000, .learned = 6, .persistence = persistence, .worn = 0};
-    const TypeModel type = true_model(options);
-    const Judge judge(type);
-    const Plant plant(options, 72001);
-    for (std::size_t r = 0; r < regions.size(); ++r) {
-      std::array<double, levels.size()> below{};
-      for (const auto& j : plant.joints) {
-        const Shift shift = judge.shift(j.healthy, j.recent);
-        for (std::size_t k = 0; k < levels.size(); ++k) below[k] += shift.by_chance[r][factor_one] < levels[k];
-      }
-      for (std::size_t k = 0; k < levels.size(); ++k) {
-        const double n = static_cast<double>(options.robots), sigma = std::sqrt(levels[k] * (1 - levels[k]) / n);
-        EXPECT_NEAR(below[k] / n, levels[k], 4 * sigma) << persistence << ' ' << r;
-      }
+  const TypeModel type = true_model(options);
+  const Judge judge(type);
+  const Plant plant(options, seed);
+  for (std::size_t r = 0; r < regions.size(); ++r) {
+    std::array<double, levels.size()> below{};
+    for (const auto& j : plant.joints) {
+      const Shift shift = judge.shift(j.healthy, j.recent);
+      for (std::size_t k = 0; k < levels.size(); ++k) below[k] += shift.by_chance[r][factor_one] < levels[k];
+    }
+    for (std::size_t k = 0; k < levels.size(); ++k) {
+      const double n = static_cast<double>(options.robots), sigma = std::sqrt(levels[k] * (1 - levels[k]) / n);
+      EXPECT_NEAR(below[k] / n, levels[k], 4 * sigma) << options.persistence << ' ' << r;
     }
   }
+}
+TEST(Shift, HasAUniformPUnderTheTrueModel) {
+  for (const double persistence : {0.0, 0.8})
+    expect_uniform({.robots = 15000, .learned = 6, .persistence = persistence, .worn = 0}, 72001);
+}
+/// Fits of one robot know Fc well and Vs badly, those of another the other way round.
+TEST(Shift, HasAUniformPWhereFitsClaimDifferentFeatures) {
+  expect_uniform({.robots = 15000, .learned = 6, .persistence = 0.5, .worn = 0, .claims = 0.4}, 72003);
+}
+
+/// Of most plants all joints are healthy: those of large shifts must not be taken for worn ones.
+TEST(PersistenceWeights, FindNoFactorWhereTheModelIsTrue) {
+  double mean = 0;
+  constexpr unsigned plants = 40;
+  const PlantOptions options{.scale_freedom = 1e6, .worn = 0};
+  const TypeModel type = true_model(options);
+  const Judge judge(type);
+  for (unsigned seed = 73001; seed < 73001 + plants; ++seed) {
+    PersistenceWeights weights(type, WeightsOf::shifts);
+    for (const auto& j : Plant(options, seed).joints) weights.add(judge.shift(j.healthy, j.recent).evidence);
+    const auto w = weights.weights();
+    for (std::size_t i = 0; i < factor_count; ++i) mean += w[1][i] * log_factor(i) / plants;
+  }
+  EXPECT_NEAR(mean, 0, 0.025);  // of 8,000 joints with 2 numbers: sigma 0.011
 }
 
 TEST(PersistenceWeights, FindByWhichFactorShiftsScatterOtherwiseThanTheModelSays) {
@@ -190,17 +221,21 @@ TEST(CusumTail, IsThatOfSimulatedCharts) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Plants, Discoveries,
-                         testing::Values(Case{"usual", {}, 8, 0.10, 0.10, 0.98, 0.8},
-                                         Case{"small", {.robots = 40}, 10, 0.14, 0.14, 0.95, 0.5},
-                                         Case{"few curves", {.learned = 6}, 4, 0.14, 0.14, 0.9, 0.2},
-                                         Case{"independent days", {.persistence = 0}, 8, 0.10, 0.12, 0.98, 0.98},
-                                         Case{"long memory", {.persistence = 0.95}, 8, 0.12, 0.12, 0.95, 0.8}),
-                         [](const auto& info) {
-                           std::string s = info.param.name;
-                           std::ranges::replace(s, ' ', '_');
-                           return s;
-                         });
+INSTANTIATE_TEST_SUITE_P(
+    Plants, Discoveries,
+    testing::Values(
+        Case{"usual", {}, 8, 0.10, 0.10, 0.98, 0.8}, Case{"small", {.robots = 40}, 10, 0.14, 0.14, 0.95, 0.5},
+        Case{"few curves", {.learned = 6}, 4, 0.14, 0.14, 0.9, 0.2},
+        Case{"small and few curves", {.robots = 40, .learned = 6}, 10, 0.14, 0.14, 0.8, 0.1},
+        Case{"independent days", {.persistence = 0}, 8, 0.10, 0.12, 0.98, 0.98},
+        Case{"long memory", {.persistence = 0.95}, 8, 0.12, 0.12, 0.95, 0.8},
+        Case{
+            "fitted", {.robots = 120, .learned = 14, .fewest_learned = 14, .fitted = true}, 8, 0.10, 0.12, 0.98, 0.95}),
+    [](const auto& info) {
+      std::string s = info.param.name;
+      std::ranges::replace(s, ' ', '_');
+      return s;
+    });
 
 }  // namespace
 }  // namespace tribotwin::twin::diagnosis::fleet

@@ -61,6 +61,8 @@ class Database {
     return *place;
   }
   virtual void commit() = 0;
+  /// A column of numbers, NULL in the rows that are there; nothing where the table has one of this name.
+  virtual void add_column(const std::string& table, const std::string& column) = 0;
 
  protected:
   /// Before the session ends.

@@ -149,6 +149,16 @@ class Postgresql : public Database {
   void commit() override {
     said(url_, [&] { work_->commit(); });
   }
+  void add_column(const std::string& table, const std::string& column) override {
+    // Only the owner of a table may alter it, even to no effect.
+    said(url_, [&] {
+      const auto known = work_->exec(
+          fmt::format("SELECT 1 FROM information_schema.columns WHERE table_schema = current_schema() AND table_name = "
+                      "{} AND column_name = {}",
+                      work_->quote(table), work_->quote(column)));
+      if (known.empty()) work_->exec(fmt::format("ALTER TABLE {} ADD COLUMN {} DOUBLE PRECISION", table, column));
+    });
+  }
 
  private:
   std::unique_ptr<Statement> prepare(const char* sql) override {

@@ -121,6 +121,12 @@ class Sqlite : public Database {
     execute("COMMIT");
     committed_ = true;
   }
+  void add_column(const std::string& table, const std::string& column) override {
+    auto& known = statement("SELECT count(*) FROM pragma_table_info($1) WHERE name = $2")(table, column);
+    const bool has = known.row() && known.integer(0) > 0;
+    known.run();
+    if (!has) execute(fmt::format("ALTER TABLE {} ADD COLUMN {} REAL", table, column).c_str());
+  }
 
  private:
   std::unique_ptr<Statement> prepare(const char* sql) override {

@@ -8,7 +8,7 @@
 
 #include <tribotwin/twin/diagnosis/fleet/judge.hpp>
 #include <tribotwin/twin/diagnosis/fleet/model_text.hpp>
-#include <tribotwin/twin/diagnosis/fleet/overview.hpp>
+#include <tribotwin/twin/diagnosis/fleet/overview/overview.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
