@@ -20,6 +20,12 @@ h1 { font-size: 1.75rem; line-height: 1.2; margin: 0 0 .3rem; overflow-wrap: any
 h2 { font-size: 1.35rem; margin: 2.6rem 0 .2rem; overflow-wrap: anywhere; }
 h3 { font-size: 1.05rem; margin: 1.8rem 0 .6rem; overflow-wrap: anywhere; }
 .verdict { font-size: 1.2rem; max-width: 68ch; }
+#verdict { font-size: 1.3rem; font-weight: 600; line-height: 1.35; margin: .5rem 0; }
+.identity { margin: 0; }
+.lamp::before { content: ""; display: inline-block; width: .8em; height: .8em; border-radius: 50%; margin-right: .45em;
+  background: currentColor; vertical-align: -.05em; print-color-adjust: exact; }
+details { margin: 1rem 0; }
+summary { cursor: pointer; font-weight: 600; color: SOFT; padding: .2rem 0; overflow-wrap: anywhere; }
 p { margin: .3rem 0 .8rem; overflow-wrap: anywhere; max-width: 75ch; }
 .soft { color: SOFT; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 165px), 1fr)); gap: 14px;
@@ -29,6 +35,7 @@ p { margin: .3rem 0 .8rem; overflow-wrap: anywhere; max-width: 75ch; }
 .tile .name, .tile .more { color: SOFT; font-size: .88rem; overflow-wrap: anywhere; }
 .tile .value { font-size: 1.3rem; font-weight: 650; overflow-wrap: anywhere; }
 .good { color: GOOD; }
+.warn { color: WARN; }
 .bad { color: BAD; }
 .notice { border-left: 5px solid BAD; padding: 10px 16px; margin: 1rem 0; }
 .notice p { margin: .2rem 0; }
@@ -52,19 +59,38 @@ pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaV
   white-space: pre-wrap; overflow-wrap: anywhere; }
 @media (max-width: 1200px) { th, td { padding: 6px 8px; } }
 @media (max-width: 600px) { main { padding: 18px 12px 32px; } th, td { padding: 6px 8px; } }
+@media screen and (max-width: 760px) {
+  table.many thead { display: none; }
+  table.many, table.many tbody, table.many tr, table.many th, table.many td { display: block; }
+  table.many tr { border-top: 1px solid LINE; padding: 6px 0; }
+  table.many th, table.many td, table.many td.number { border-top: 0; max-width: none; padding: 2px 10px;
+    text-align: left; white-space: normal; word-break: keep-all; }
+  table.many td { display: flex; justify-content: space-between; gap: 1em; overflow-wrap: anywhere; }
+  table.many td::before { content: attr(data-label); color: SOFT; }
+}
 @media screen and (prefers-color-scheme: dark) {
   body { background: #12161c; color: #e6eaf0; color-scheme: dark; }
   .tile, figure, .notice, .scroll, pre { background: #1b212a; border-color: #3a4452; }
-  .soft, .tile .name, .tile .more, figcaption, thead th, thead th.number { color: #b3bdca; }
-  th, td { border-color: #3a4452; }
+  .soft, .tile .name, .tile .more, figcaption, thead th, thead th.number, summary { color: #b3bdca; }
+  th, td, table.many tr { border-color: #3a4452; }
+  table.many td::before { color: #b3bdca; }
   .good { color: #6fd39a; }
+  .warn { color: #f0c060; }
   .bad { color: #ff9a90; }
   .notice { border-left-color: #ff9a90; }
 }
 @media print {
-  @page { margin: 14mm; }
+  @page { margin: 11mm; }
   body { background: PAPER; font-size: 10.5pt; }
   main { max-width: none; padding: 0; }
+  details:not([open]) { display: none; }
+  h2 { margin-top: 1.4rem; }
+  h3 { margin-top: 1rem; }
+  .tiles { grid-template-columns: repeat(5, 1fr); gap: 8px; }
+  .tile { padding: 6px 8px; }
+  .figures { gap: 8px; margin: .5rem 0; }
+  figure { padding: 6px; }
+  figure.wide img { max-height: 110mm; object-fit: contain; }
   .figures { grid-template-columns: 1fr 1fr; }
   figure, .tile, tr, pre { break-inside: avoid; }
   h2, h3 { break-after: avoid; }
@@ -83,6 +109,7 @@ pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaV
   put("SOFT", hex(theme::ink_soft));
   put("LINE", hex(theme::line));
   put("GOOD", hex(theme::good));
+  put("WARN", hex(theme::warn));
   put("BAD", hex(theme::bad));
   put("FONT", std::string(theme::page_font));
   return css;
@@ -116,6 +143,9 @@ void prefix_ids(pugi::xml_node node, const std::string& prefix) {
     child = next;
   }
 }
+
+/// A table of more columns becomes a list of rows, each with its heads beside it, where the window is narrow.
+constexpr std::size_t columns_of_a_phone = 4;
 
 bool numeric(std::string_view cell) {
   return !cell.empty() &&
@@ -176,11 +206,19 @@ void Page::add_png(pugi::xml_node to, std::string_view png, const std::string& c
   add(figure, "figcaption", caption);
 }
 
+pugi::xml_node Page::add_details(pugi::xml_node to, const std::string& summary) {
+  auto details = add(to, "details");
+  add(details, "summary", summary);
+  return details;
+}
+
 void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
                      const std::vector<std::vector<std::string>>& rows) {
   auto scroll = add(to, "div", {}, "scroll");
   scroll.append_attribute("tabindex") = "0";
   auto table = scroll.append_child("table");
+  const bool many = head.size() > columns_of_a_phone;
+  if (many) table.append_attribute("class") = "many";
   const auto kind = [&](std::size_t column) {
     const bool any = column > 0 && std::ranges::any_of(rows, [&](const auto& row) {
                        return column < row.size() && numeric(row[column]);
@@ -195,10 +233,12 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
   for (const auto& row : rows) {
     auto line = body.append_child("tr");
     for (std::size_t i = 0; i < row.size(); ++i)
-      if (i == 0)
+      if (i == 0) {
         add(line, "th", row[i]).append_attribute("scope") = "row";
-      else
-        add(line, "td", row[i].empty() ? "–" : row[i], kind(i));
+      } else {
+        auto cell = add(line, "td", row[i].empty() ? "–" : row[i], kind(i));
+        if (many) cell.append_attribute("data-label") = printable(head[i]).c_str();
+      }
   }
 }
 

@@ -3,6 +3,7 @@ import html, json, os, re, subprocess
 
 # The page forbids scripts; a copy without that rule gets one that measures it in a frame of the wanted width.
 MEASURE = """<script>addEventListener('load', () => {
+  for (const d of document.querySelectorAll('details')) d.open = true;
   const channel = c => { c /= 255; return c <= .03928 ? c / 12.92 : ((c + .055) / 1.055) ** 2.4; };
   const light = c => .2126 * channel(c[0]) + .7152 * channel(c[1]) + .0722 * channel(c[2]);
   const colour = text => { const n = (text.match(/[\\d.]+/g) || []).map(Number); 
@@ -58,6 +59,29 @@ MEASURE = """<script>addEventListener('load', () => {
 });</script>"""
 
 
+def opening(page):
+    """What the page's source says in its first lines; the verdict comes before all but title and identity."""
+    main = page[page.index("<main>") :]
+    text = lambda s: html.unescape(re.sub(r"<[^>]*>", "", s))
+    verdict = re.search(r'<p class="verdict (\w+)" id="verdict">(.*?)</p>', main, re.S)
+    if not verdict:
+        return {"verdict": "", "light": "", "rule": "", "identity": "", "tiles": [], "action": ""}
+    before, after = main[: verdict.start()], main[verdict.end() :]
+    light = re.match(r"<p><strong[^>]*>.*?</strong>.*?</p>", after, re.S)
+    name, _, rule = text(light.group(0) if light else "").partition(": ")
+    identity = re.search(r'<p class="identity[^>]*>(.*?)</p>', before, re.S)
+    tiles = re.match(r'<div class="tiles">.*?</div></div></div>', after[light.end() if light else 0 :], re.S)
+    action = re.search(r"<p><strong>What to do: </strong>(.*?)</p>", after, re.S)
+    return {
+        "verdict": text(verdict.group(2)),
+        "light": name,
+        "rule": rule,
+        "identity": text(identity.group(1)) if identity else "",
+        "tiles": re.findall(r'<div class="tile">', tiles.group(0)) if tiles else [],
+        "action": text(action.group(1)) if action else "",
+    }
+
+
 class Browser:
     """`work`: a folder to keep files in; `check(name, condition, detail)`: how a test reports."""
 
@@ -111,7 +135,7 @@ class Browser:
         found = re.search(r'<pre id="result">(.*?)</pre>', r.stdout, re.S)
         return json.loads(html.unescape(found.group(1))) if found and found.group(1) else None
 
-    def check_page(self, name, page, images, drawings, widths=(1280, 480)):
+    def check_page(self, name, page, images, drawings, widths=(480, 1280)):
         check = self.check
         said, dom = self.console(page)
         check(name + ": no console message", not said, said)
@@ -123,7 +147,7 @@ class Browser:
                 continue
             check(
                 f"{name} at {width}: {images} pictures and {drawings} drawings load",
-                m["images"] == images and m["broken"] == 0 and m["drawings"] == drawings,
+                m["images"] == images and m["broken"] == 0 and drawings in (None, m["drawings"]),
                 {k: m[k] for k in m if k != "text"},
             )
             check(

@@ -58,10 +58,10 @@ for i, o in enumerate(seen):
     expected = [
         f"{o['region1']['distance']:.3f}",
         f"{o['region1']['statistic']:.2f}",
-        str(o["region1"]["anomalous"]),
+        ("no", "yes")[o["region1"]["anomalous"]],
         f"{o['region2']['distance']:.3f}",
         f"{o['region2']['statistic']:.2f}",
-        str(o["region2"]["anomalous"]),
+        ("no", "yes")[o["region2"]["anomalous"]],
     ]
     check(
         f"row {i + 1} is that of diagnose check", cells[1:7] == expected and cells[8] == o["pattern"], (cells, expected)
