@@ -15,6 +15,7 @@ namespace {
 
 constexpr double warmed_K = 1;          ///< less is no warm-up
 constexpr double watched_share = 0.05;  ///< of friction: more is amber
+constexpr double same_share = 0.005;    ///< of friction: less would be written as 0 %
 
 std::string energy(double joule) {
   for (const auto& [unit, size] : {std::pair{"MJ", 1e6}, {"kJ", 1e3}})
@@ -66,9 +67,11 @@ std::string sentence(const RunData& run, const std::vector<JointSummary>& joints
   const auto warms = fmt::format("{} warms from {:.1f} to {:.1f} °C", hot->name, hot->start_degC, hot->end_degC);
   const auto friction = friction_change(run, hot->name);
   if (!friction) return warms + ".";
+  const double share = friction->to / friction->from - 1;
+  if (std::abs(share) < same_share)
+    return fmt::format("{}, and its {} stays at {:.3g} {}.", warms, friction->what, friction->to, friction->unit);
   return fmt::format("{}, and its {} {} from {:.3g} to {:.3g} {} ({:+.0f} %).", warms, friction->what,
-                     friction->to < friction->from ? "falls" : "rises", friction->from, friction->to, friction->unit,
-                     100 * (friction->to / friction->from - 1));
+                     share < 0 ? "falls" : "rises", friction->from, friction->to, friction->unit, 100 * share);
 }
 
 void add_load(std::vector<Tile>& tiles, const std::vector<JointSummary>& joints) {

@@ -50,11 +50,18 @@ check(
     r.returncode == 0 and r.stdout == "page.html\n" and r.stderr == "",
     (r.returncode, r.stdout, r.stderr),
 )
-measured = Browser(work, check).check_page("page", os.path.join(work, "page.html"), images=0, drawings=5)
+measured = Browser(work, check).check_page("page", os.path.join(work, "page.html"), images=0, drawings=6)
 text = measured["text"] if measured else ""
 for i, o in enumerate(seen):
-    row = re.search(rf"^{i + 1}\t([^\n]*)$", text, re.M)
-    cells = row.group(1).split("\t") if row else []
+    rows = [row.split("\t") for row in re.findall(rf"^{i + 1}\t([^\n]*)$", text, re.M)]
+    words = rows[0] if rows else []
+    check(
+        f"row {i + 1} says in words what diagnose check says",
+        words[1:4]
+        == [("healthy", "anomalous")[o[region]["anomalous"]] for region in ("region1", "region2")] + [o["pattern"]],
+        (words, o),
+    )
+    cells = rows[-1] if rows else []  # of the appendix
     expected = [
         f"{o['region1']['distance']:.3f}",
         f"{o['region1']['statistic']:.2f}",
