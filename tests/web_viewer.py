@@ -1,10 +1,10 @@
 """A viewer of a live bench in Python tests: the line `web:`, the WebSocket, rows against telemetry.h5."""
-import base64, json, re, socket, struct, time
+import base64, json, re, socket, struct, subprocess, time
 
 import h5py
 import numpy
 
-from harness import check, path
+from harness import check, path, work
 
 PATIENCE_S = 60
 
@@ -17,6 +17,18 @@ def web_address(log):
             return found[1], int(found[2])
         time.sleep(0.05)
     raise RuntimeError(f"no line 'web:' in {open(log).read()!r}")
+
+
+def begin_web(program, name, *command):
+    """A process with a page, whose stderr is work/NAME.log, and where the page is."""
+    with open(path(name + ".log"), "w") as log:
+        process = subprocess.Popen([program, *command, "--web", "127.0.0.1:0"], cwd=work, stderr=log,
+                                   stdout=open(path(name + ".out"), "w"))  # fmt: skip
+    try:
+        return process, web_address(path(name + ".log"))
+    except RuntimeError:
+        process.kill()
+        raise
 
 
 class WebSocket:

@@ -10,7 +10,8 @@ packages=(
   liblz4-dev libzstd-dev                               # chunks of .mcap
   libsqlite3-dev libpqxx-dev                           # the store of a fleet: a file, or PostgreSQL
   libceres-dev libboost-dev                            # identification: trust region, distributions; the live bench
-  libjs-dygraphs libjs-three                           # histories and the robot on the page of the live bench
+  libjs-three                                          # the robot on the page of the live bench
+  pybind11-dev python3-dev python3-numpy               # the Python module
   libosmesa6-dev liblodepng-dev libpango1.0-dev pkg-config   # pictures
   gnuplot-nox fonts-dejavu-core                              # run by tribotwin-report
 )
@@ -18,10 +19,12 @@ if [ "${1:-}" = --tests ]; then
   packages+=(
     libgtest-dev libgmock-dev libbenchmark-dev libmujoco-samples
     clang-format clang-tidy black doxygen   # format, static analysis, API reference
-    python3 python3-h5py python3-numpy python3-scipy python3-yaml chromium ffmpeg
+    python3 python3-h5py python3-scipy python3-yaml chromium ffmpeg
     user-mode-linux gcc libc6-dev kmod iproute2 can-utils busybox-static util-linux   # the CAN VM
     python3-can python3-canmatrix tshark mandoc
     dpkg-dev lintian   # Debian packages
+    clang                     # compiles the exported C
+    python3-pip python3-setuptools python3-wheel   # a wheel of the Python module
     libopenmpi-dev openmpi-bin   # programs on several ranks
     slurmctld slurmd slurm-client   # a job of a cluster
   postgresql-15   # a fleet's store in a database

@@ -46,6 +46,11 @@ void HeartbeatConsumer::configure(const Object& entry) {
   watched_[static_cast<std::size_t>(entry.sub - 1)] = Watched::of(entry.value);
 }
 
+bool HeartbeatConsumer::watches(std::uint32_t cob_id) const {
+  return std::ranges::any_of(watched_,
+                             [&](const Watched& w) { return w.period_ns > 0 && cob_id == cob::heartbeat + w.node; });
+}
+
 void HeartbeatConsumer::hear(std::uint32_t cob_id, std::int64_t now_ns) {
   for (Watched& w : watched_)
     if (w.period_ns && cob_id == cob::heartbeat + w.node) w.last_ns = now_ns;

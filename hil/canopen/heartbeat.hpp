@@ -34,6 +34,8 @@ class HeartbeatConsumer {
   /// Entry 1016h:SUB was written.
   void configure(const Object& entry);
   void hear(std::uint32_t cob_id, std::int64_t now_ns);
+  /// Whether frames with this identifier are heartbeats that it watches.
+  bool watches(std::uint32_t cob_id) const;
   /// How many heartbeats were lost since the last call. A lost one is watched again from its next arrival on.
   int lost(std::int64_t now_ns);
   /// Next time at which a heartbeat is lost.

@@ -128,6 +128,10 @@ bool PdoService::sends(std::uint32_t cob_id) const {
   return std::ranges::any_of(transmit_, [&](const Pdo& p) { return p.exists && p.cob == cob_id; });
 }
 
+bool PdoService::takes(std::uint32_t cob_id) const {
+  return std::ranges::any_of(receive_, [&](const Pdo& p) { return p.exists && p.cob == cob_id; });
+}
+
 void PdoService::receive(const Frame& frame, std::int64_t now_ns) {
   const auto bytes = frame.bytes();
   for (Pdo& pdo : receive_) {

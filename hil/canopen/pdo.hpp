@@ -38,6 +38,8 @@ class PdoService {
 
   /// Whether this node sends PDOs with this identifier.
   bool sends(std::uint32_t cob_id) const;
+  /// Whether it receives PDOs with this identifier.
+  bool takes(std::uint32_t cob_id) const;
   /// A data frame in operational. Synchronous PDOs wait for the SYNC.
   void receive(const Frame& frame, std::int64_t now_ns);
   /// Sends what is due with the SYNC, then accepts the RPDOs that came before it.

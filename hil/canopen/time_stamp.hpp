@@ -23,9 +23,11 @@ class TimeConsumer {
     if (cob_value() & cob::consumes && id != old) return tl::unexpected(Abort::not_now);
     return {};
   }
+  /// Whether data frames with this identifier are TIME for it.
+  bool takes(std::uint32_t id) const { return cob_value() & cob::consumes && id == (cob_value() & cob::id_11_bit); }
   /// A data frame.
   void hear(const Frame& frame, std::int64_t now_ns) {
-    if (!(cob_value() & cob::consumes) || frame.id != (cob_value() & cob::id_11_bit) || frame.size != 6) return;
+    if (!takes(frame.id) || frame.size != 6) return;
     told_ms_ = decode(Type::u32, frame.bytes().first(4)) & 0xfffffff;
     told_days_ = decode(Type::u16, frame.bytes().subspan(4));
     told_ns_ = now_ns;

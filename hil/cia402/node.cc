@@ -201,6 +201,16 @@ bool Node::sends(std::uint32_t id) const {
          id == cob::emcy + context_.id || pdos_.sends(id);
 }
 
+bool Node::takes(const Frame& frame) const {
+  if (frame.extended || frame.error || frame.fd) return false;
+  const std::uint32_t id = frame.id;
+  if (frame.remote) return configured() && id == cob::heartbeat + context_.id;
+  if (id == cob::lss_to_slave) return true;
+  if (!configured()) return false;
+  return id == cob::nmt || id == cob::sdo_to_server + context_.id || watched_.watches(id) || time_.takes(id) ||
+         pdos_.takes(id);
+}
+
 void Node::receive(const Frame& frame, std::int64_t now_ns) {
   context_.now_ns = now_ns;
   if (frame.extended || frame.error || frame.fd) return;

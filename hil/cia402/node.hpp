@@ -46,6 +46,7 @@ class Node final : public BusDrive {
   void recovered(std::int64_t now_ns) override;  ///< sends EMCY 8140h
   std::int64_t next_ns() const override;
   bool sends(std::uint32_t id) const override;
+  bool takes(const Frame& frame) const override;
   twin::DriveCommand command(double dt_s) override { return drive_.command(dt_s); }
   void feedback(const Feedback& feedback, double dt_s) override { drive_.feedback(feedback, dt_s); }
   twin::LoopGains gains() const override { return drive_.gains(); }

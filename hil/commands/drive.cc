@@ -80,6 +80,11 @@ struct Arguments : RobotOptions {
         "--record session.log");
   }
 
+  /// The folder of what is written.
+  std::filesystem::path results() const {
+    return output.empty() ? std::filesystem::path(record).parent_path() : std::filesystem::path(output);
+  }
+
   void check_files(const twin::Scenario& robot) const {
     auto inputs = files_of(robot);
     inputs.push_back({"--faults " + faults, faults});
@@ -146,15 +151,12 @@ struct Viewers {
   std::optional<BenchFeed> feed;
 
   Viewers(const Arguments& a, const twin::Scenario& scenario)
-      : line(!a.quiet && isatty(STDERR_FILENO)), server(a.web.start(hello_of(scenario))) {
-    if (server) feed.emplace(*server, !a.record.empty() || !a.output.empty());
+      : line(!a.quiet && isatty(STDERR_FILENO)), server(a.web.start(hello_of(scenario), a.results())) {
+    if (server) feed.emplace(*server, scenario, !a.record.empty() || !a.output.empty());
   }
   static twin::live::Hello hello_of(const twin::Scenario& scenario) {
     auto hello = twin::live::hello_of(scenario, "drive", TRIBOTWIN_VERSION);
-    hello.commands = {"fault"};
-    for (const twin::live::EventCommand& command : twin::live::event_commands())
-      hello.commands.emplace_back(command.name);
-    hello.faults = fault_kinds();
+    BenchFeed::add_commands(hello);
     return hello;
   }
   std::function<void(const twin::Twin&, double)> sample() {
@@ -168,6 +170,7 @@ struct Viewers {
       if (feed) feed->status(status);
     };
   }
+  SessionEvents events() { return feed ? feed->events() : SessionEvents(); }
   void note(const std::string& what) {
     report_nonblocking(fmt::format("{}note: {}\n", line ? "\r\033[K" : "", what));
     if (feed) feed->note(what);
@@ -212,7 +215,8 @@ int run(const Arguments& a) {
                                  .stop = stop,
                                  .status = viewers.status(),
                                  .sample = viewers.sample(),
-                                 .note = [&](const std::string& what) { viewers.note(what); }});
+                                 .note = [&](const std::string& what) { viewers.note(what); },
+                                 .events = viewers.events()});
   if (viewers.line) report_nonblocking("\n");
   twin::or_throw(ended);
   return twin::done;

@@ -95,14 +95,15 @@ struct Page {
   Page(const Arguments& a, const twin::Scenario& scenario) {
     auto hello = twin::live::hello_of(scenario, "replay", TRIBOTWIN_VERSION);
     hello.commands = {"marker"};
-    server = a.web.start(std::move(hello));
-    if (server) feed.emplace(*server, !a.output.empty());
+    server = a.web.start(std::move(hello), a.output);
+    if (server) feed.emplace(*server, scenario, !a.output.empty());
   }
   void show_in(ReplayOptions& options) {
     if (!feed) return;
     options.status = [this](const SessionStatus& status) { feed->status(status); };
     options.sample = [this](const twin::Twin& twin, double time_s) { feed->sample(twin, time_s); };
     options.note = [this](const std::string& what) { feed->note(what); };
+    options.events = feed->events();
   }
 };
 

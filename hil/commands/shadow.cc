@@ -202,7 +202,7 @@ struct Page {
     auto hello = shadow_hello(scenario, TRIBOTWIN_VERSION);
     std::vector<std::string> joints;
     for (const auto& joint : hello.joints) joints.push_back(joint.name);
-    server = a.web.start(std::move(hello));
+    server = a.web.start(std::move(hello), std::filesystem::path(a.csv).parent_path());
     feed.emplace(*server, ShadowFeed::Options{a.can, !a.csv.empty(), a.limit, a.joints}, std::move(joints));
   }
   NextFrame frames(Source& source, std::optional<double> duration_s) {

@@ -31,6 +31,9 @@ twin::live::Hello shadow_hello(const twin::Scenario& scenario, const std::string
   hello.geometry.clear();  // a shadow tells no poses
   hello.bodies = 0;
   hello.columns = {{"", "time_s", "s"}};
+  hello.head->channels.clear();
+  hello.head->units.clear();
+  for (const ShadowColumn& column : shadow_columns) hello.head->channels.push_back({column.name, column.unit, ""});
   for (const auto& joint : hello.joints)
     for (const ShadowColumn& column : shadow_columns) hello.columns.push_back({joint.name, column.name, column.unit});
   return hello;

@@ -41,6 +41,8 @@ class BusDrive {
   virtual std::int64_t next_ns() const = 0;
   /// Whether this drive sends frames with the identifier `id`.
   virtual bool sends(std::uint32_t id) const = 0;
+  /// Whether this drive is meant by this frame of another that is no SYNC, in whichever state it is now.
+  virtual bool takes(const Frame& frame) const = 0;
 
   /// The set point for the next simulation step of dt [s].
   virtual twin::DriveCommand command(double dt_s) = 0;

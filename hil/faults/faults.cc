@@ -78,6 +78,8 @@ Fault read(twin::Mapping& m, int first_node, int drives, const Wiring& wiring) {
 
 }  // namespace
 
+std::string_view name_of(FaultKind kind) { return std::ranges::find(rows, kind, &Row::kind)->name; }
+
 std::vector<std::string> fault_kinds() {
   std::vector<std::string> names;
   for (const Row& row : rows) names.emplace_back(row.name);

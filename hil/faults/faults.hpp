@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <tribotwin/hil/drives/wiring.hpp>
@@ -61,6 +62,8 @@ struct DriveFault {
 Result<std::vector<Fault>> load_faults(const std::filesystem::path& file, int first_node, int drives,
                                        const Wiring& wiring = {});
 
+/// As lists of faults call it.
+std::string_view name_of(FaultKind kind);
 /// Names of all kinds.
 std::vector<std::string> fault_kinds();
 

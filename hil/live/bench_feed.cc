@@ -102,11 +102,15 @@ BusStatus status_of(const SessionStatus& session, std::size_t i) {
           .frames_out = counted.frames_out,
           .syncs = counted.syncs,
           .lost = bus.transport ? bus.transport->counters().lost() : 0,
+          .foreign = counted.foreign,
           .sync_period = bus.sync ? spread_of(bus.sync->period()) : std::nullopt,
           .sync_to_tpdo = bus.sync ? spread_of(bus.sync->latency()) : std::nullopt};
 }
 
 }  // namespace
+
+BenchFeed::BenchFeed(twin::live::Server& server, const twin::Scenario& scenario, bool recording)
+    : server_(server), recording_(recording), joints_(twin::joint_names(*scenario.model)) {}
 
 void BenchFeed::status(const SessionStatus& session) {
   twin::live::Status status{.simulated_s = session.simulated_s, .wall_s = session.wall_s, .recording = recording_};
@@ -119,8 +123,8 @@ void BenchFeed::status(const SessionStatus& session) {
   status.joints = twin::live::joints_of(session.bench->plant().twin());
   time_s_ = session.simulated_s;
   add_times_to_limits(status, session.bench->plant().twin());
-  tell_errors(status);
-  twin::live::obey(server_, time_s_, session.control ? acts(*session.control) : twin::live::Acts());
+  twin::live::obey(server_, time_s_, session.control ? acts(*session.control, *session.bench) : twin::live::Acts());
+  status.paused = session.bench->left().has_value();
   server_.tell(std::move(status));
 }
 
@@ -146,18 +150,21 @@ void BenchFeed::add_times_to_limits(twin::live::Status& status, const twin::Twin
   }
 }
 
-twin::live::Acts BenchFeed::acts(SessionControl& control) {
-  twin::live::Acts all;
-  all["fault"] = [&](twin::Mapping& keys) { return inject(control, keys); };
-  for (const twin::live::EventCommand& command : twin::live::event_commands())
-    all[command.name] = [&](twin::Mapping& keys) { return happen(control, twin::live::event_of(command, keys)); };
-  return all;
+void BenchFeed::add_commands(twin::live::Hello& hello) {
+  hello.commands = {"fault"};
+  twin::live::add_pause_names(hello);
+  twin::live::add_event_names(hello);
+  hello.faults = fault_kinds();
 }
 
-std::string BenchFeed::happen(SessionControl& control, const YAML::Node& event) {
-  const bool recorded = control.happen(event);
-  server_.tell(twin::live::told(time_s_, event));
-  return fmt::format("at {:.3f} s, {}", time_s_, recorded ? "in the record" : "which no record has");
+twin::live::Acts BenchFeed::acts(SessionControl& control, const Bench& bench) {
+  twin::live::Acts all;
+  all["fault"] = [&](twin::Mapping& keys) { return inject(control, keys); };
+  twin::live::add_pause(
+      all, time_s_,
+      {"the robot", "cycle", [&bench] { return bench.left(); }, [&control](auto left) { control.hold(left); }});
+  twin::live::add_events(all, server_, time_s_, [&control](const YAML::Node& event) { return control.happen(event); });
+  return all;
 }
 
 std::string BenchFeed::inject(SessionControl& control, twin::Mapping& keys) {
@@ -168,15 +175,20 @@ std::string BenchFeed::inject(SessionControl& control, twin::Mapping& keys) {
   return fmt::format("from {:.3f} s", time_s_);
 }
 
-void BenchFeed::tell_errors(const twin::live::Status& status) {
-  codes_.resize(status.drives.size());
-  for (std::size_t i = 0; i < codes_.size(); ++i) {
-    const DriveStatus& drive = status.drives[i];
-    if (std::exchange(codes_[i], drive.error_code) == drive.error_code) continue;
-    server_.tell(twin::live::Event{
-        time_s_, "emcy", drive.joint,
-        drive.error_code ? fmt::format("{:04X}h {}", drive.error_code, drive.error_text) : "no error any more"});
-  }
+SessionEvents BenchFeed::events() {
+  using twin::live::Event;
+  return {.emcy =
+              [this](double time_s, std::size_t drive, std::uint16_t code) {
+                const std::string text =
+                    code ? fmt::format("{:04X}h {}", code, text_of(code)) : std::string("no error any more");
+                server_.tell(Event{time_s, "emcy", joints_[drive], text});
+              },
+          .happened = [this](double time_s, const YAML::Node& event) { server_.tell(twin::live::told(time_s, event)); },
+          .imposed =
+              [this](double time_s, const DriveFault& fault) {
+                server_.tell(Event{time_s, "fault", joints_[fault.drive],
+                                   fmt::format("{} {}", name_of(fault.kind), fault.on ? "begins" : "ends")});
+              }};
 }
 
 void BenchFeed::note(const std::string& text) { server_.tell(twin::live::Event{time_s_, "note", "", text}); }

@@ -14,24 +14,25 @@ namespace tribotwin::hil {
 class BenchFeed {
  public:
   /// `recording`: the session has a record or telemetry.
-  BenchFeed(twin::live::Server& server, bool recording) : server_(server), recording_(recording) {}
+  BenchFeed(twin::live::Server& server, const twin::Scenario& scenario, bool recording);
+  /// Adds what the pages of a session may ask.
+  static void add_commands(twin::live::Hello& hello);
   void sample(const twin::Twin& twin, double time_s) { twin::live::push_row(server_, twin, time_s); }
-  /// The status, and an event for each drive whose error code changed since the last one; then commands are
-  /// obeyed.
+  /// The status; then commands are obeyed.
   void status(const SessionStatus& session);
+  /// Tell what happens in between.
+  SessionEvents events();
   void note(const std::string& text);
 
  private:
-  twin::live::Acts acts(SessionControl& control);
+  twin::live::Acts acts(SessionControl& control, const Bench& bench);
   std::string inject(SessionControl& control, twin::Mapping& keys);
-  std::string happen(SessionControl& control, const YAML::Node& event);
-  void tell_errors(const twin::live::Status& status);
   void add_times_to_limits(twin::live::Status& status, const twin::Twin& twin);
 
   twin::live::Server& server_;
   bool recording_;
+  const std::vector<std::string> joints_;
   double time_s_ = 0;
-  std::vector<std::uint16_t> codes_;
   /// Heat of each joint since the start [J], over the last minute of simulated time.
   struct Heat {
     double time_s;

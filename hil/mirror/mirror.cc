@@ -25,9 +25,13 @@ void MirrorDrive::start(std::int64_t now_ns) { send_status(now_ns); }
 
 bool MirrorDrive::sends(std::uint32_t id) const { return id == mirror_status_id(parameters_.node); }
 
+bool MirrorDrive::takes(const Frame& frame) const {
+  return frame.id == mirror_command_id(parameters_.node) && !frame.extended &&
+         frame.fd == (format_ == MirrorFormat::fd);
+}
+
 void MirrorDrive::receive(const Frame& frame, std::int64_t now_ns) {
-  if (frame.id != mirror_command_id(parameters_.node) || frame.extended) return;
-  if (frame.fd != (format_ == MirrorFormat::fd)) return;
+  if (!takes(frame)) return;
   const auto c = decode_command(frame);
   if (!c) {
     ++counters_.damaged;

@@ -26,6 +26,7 @@ class MirrorDrive final : public BusDrive {
   void tick(std::int64_t now_ns) override;
   std::int64_t next_ns() const override;
   bool sends(std::uint32_t id) const override;
+  bool takes(const Frame& frame) const override;
   twin::DriveCommand command(double dt_s) override;
   void feedback(const Feedback& feedback, double dt_s) override;
   twin::LoopGains gains() const override { return parameters_.gains; }

@@ -16,6 +16,12 @@ Bench::SendOn on_one_bus(Send send) {
   return [send = std::move(send)](std::size_t, const Frame& frame) { return send(frame); };
 }
 
+/// The error code of a frame of a CANopen drive that is an EMCY.
+std::optional<std::uint16_t> emcy_of(const BusDrive& drive, const Frame& frame) {
+  if (frame.id != cob::emcy + static_cast<const Node&>(drive).id()) return std::nullopt;
+  return static_cast<std::uint16_t>(frame.data[0] | frame.data[1] << 8);
+}
+
 }  // namespace
 
 Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, Send send)
@@ -25,7 +31,7 @@ Bench::Bench(const twin::Scenario& scenario, const BenchOptions& options, SendOn
     : plant_(scenario), options_(options), buses_(bus_count(options.wiring)), rendezvous_(bus_count(options.wiring)) {
   for (const auto& p : drive_parameters(scenario, options.first_node, options.cycle_us, options.wiring)) {
     const std::size_t number = drives_.size(), bus = bus_of(number);
-    const Send send_counted = [this, bus, send](const Frame& frame) { return counted(bus, frame, send); };
+    const Send send_counted = [this, number, send](const Frame& frame) { return counted(number, frame, send); };
     joints_.push_back(p.name);
     if (options.profile != Profile::cia402) {
       drives_.push_back(std::make_unique<MirrorDrive>(p, send_counted, mirror_format(options.profile)));
@@ -45,8 +51,11 @@ void Bench::start(std::int64_t now_ns) {
   for (const auto& drive : drives_) drive->start(now_ns);
 }
 
-Sent Bench::counted(std::size_t bus, const Frame& frame, const SendOn& send) {
+Sent Bench::counted(std::size_t drive, const Frame& frame, const SendOn& send) {
+  const std::size_t bus = bus_of(drive);
   Bus& b = buses_[bus];
+  if (const auto code = options_.emcy && first_ ? emcy_of(*drives_[drive], frame) : std::nullopt)
+    options_.emcy(drive, *code);
   // Drives that answer an LSS master alike do so at once, which makes one frame on a wire; fastscan rests on that.
   if (frame.id == cob::lss_to_master && std::exchange(b.lss_answer, frame) == frame) return Sent::done;
   const Sent sent = send(bus, frame);
@@ -61,6 +70,8 @@ void Bench::count(Bus& bus, const Frame& frame, std::int64_t now_ns) {
   ++bus.counters.frames_in;
   const Bits bits = bits_of(frame);
   bus.counters.bits += 0.5 * (bits.min + bits.max);
+  const auto takes = [&](const BusDrive* drive) { return drive->takes(frame); };
+  bus.counters.foreign += !frame.error && !is_sync(frame) && std::ranges::none_of(bus.drives, takes);
   if (!is_sync(frame)) return;
   ++bus.counters.syncs;
   if (bus.last_sync_ns >= 0 && now_ns - bus.last_sync_ns < 500 * cycle_us()) ++bus.counters.sync_fast;
@@ -105,7 +116,27 @@ Result<void> Bench::advance(std::int64_t now_ns) {
   rendezvous_.end_cycle();
   moved_to_ns_ = -1;
   last_cycle_ns_ = now_ns;
+  if (stands()) return {};
+  moved(cycle_us());
   return plant_.advance(drives_, cycle_us(), options_.stop);
+}
+
+void Bench::hold(std::optional<std::int64_t> cycles) {
+  stood_ = stood_ || stands();
+  left_us_ = cycles;
+  if (left_us_) *left_us_ *= cycle_us();
+}
+
+std::optional<std::int64_t> Bench::left() const {
+  if (!left_us_) return std::nullopt;
+  return std::max<std::int64_t>(0, (*left_us_ + cycle_us() - 1) / cycle_us());
+}
+
+Result<bool> Bench::step() {
+  if (stands()) return false;
+  moved(plant_.step_ns() / 1000);
+  if (auto ok = plant_.step(drives_); !ok) return tl::unexpected(ok.error());
+  return true;
 }
 
 /// The robot moves on without the SYNCs that are missing.
@@ -191,8 +222,10 @@ void Bench::start_clock(std::int64_t now_ns) {
 
 Result<void> Bench::follow_clock(std::int64_t now_ns) {
   constexpr int ask_stop_steps = 256;
-  for (int k = 1; moved_to_ns_ >= 0 && moved_to_ns_ + plant_.step_ns() <= now_ns; ++k) {
-    if (auto ok = plant_.step(drives_); !ok) return ok;
+  // By the time of this call alone, which a replay has too: it has fewer calls while the robot stands.
+  if (!stands() && std::exchange(stood_, false) && moved_to_ns_ >= 0) moved_to_ns_ = std::max(moved_to_ns_, now_ns);
+  for (int k = 1; !stands() && moved_to_ns_ >= 0 && moved_to_ns_ + plant_.step_ns() <= now_ns; ++k) {
+    if (auto ok = step(); !ok) return tl::unexpected(ok.error());
     rendezvous_.end_cycle();
     moved_to_ns_ = any_stops_alone() ? moved_to_ns_ + plant_.step_ns() : -1;
     if (k % ask_stop_steps == 0 && options_.stop && options_.stop()) break;
@@ -208,7 +241,7 @@ std::int64_t Bench::next_ns() const {
   std::int64_t next = std::numeric_limits<std::int64_t>::max();
   for (const auto& drive : drives_) next = std::min(next, drive->next_ns());
   if (any_kept()) next = std::min(next, rendezvous_.missing_since_ns() + patience_ns() + 1);
-  return moved_to_ns_ < 0 ? next : std::min(next, moved_to_ns_ + plant_.step_ns());
+  return moved_to_ns_ < 0 || stands() ? next : std::min(next, moved_to_ns_ + plant_.step_ns());
 }
 
 std::optional<std::size_t> Bench::sender(std::size_t bus, const Frame& frame) const {

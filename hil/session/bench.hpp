@@ -18,7 +18,8 @@ struct BenchCounters {
       0;  ///< less than half a period after the last one, by the wall clock: a second master, or a wrong rate
   std::uint64_t sync_alone = 0;  ///< in lockstep: cycles of the robot without a SYNC of this bus
   std::uint64_t frames_in = 0, frames_out = 0;
-  double bits = 0;  ///< on a classic bus, mean of minimum and maximum stuffing
+  std::uint64_t foreign = 0;  ///< of frames_in: no drive of this bus is meant
+  double bits = 0;            ///< on a classic bus, mean of minimum and maximum stuffing
 };
 
 enum class Profile { cia402, mirror, mirror_fd };
@@ -38,6 +39,9 @@ struct BenchOptions {
   /// Asked about each command to store, after its file was written or could not be: what the drive answers.
   std::function<bool(bool done)> kept;
   std::function<bool()> stop;  ///< polled in a cycle of many steps: true ends it
+  /// A drive sends an EMCY with this error code (0: no error any more), also where its bus is down or a fault takes the
+  /// frame.
+  std::function<void(std::size_t drive, std::uint16_t code)> emcy;
   /// The drives of a bus have sent their answer to its SYNC; the robot has not moved yet.
   std::function<void(std::size_t bus)> answered;
 };
@@ -63,6 +67,13 @@ class Bench {
   /// The bus is back after a link loss.
   void recovered(std::size_t bus, std::int64_t now_ns);
   std::int64_t next_ns() const;
+  /// The robot stands after `cycles` more cycles, whatever SYNC and clock say, and goes on without a value; from the
+  /// next `tick` on. Its drives answer as ever. Their timers run by the clock, what they do with the robot does not.
+  void hold(std::optional<std::int64_t> cycles);
+  /// Cycles until the robot stands; without a value: it is not held.
+  std::optional<std::int64_t> left() const;
+  /// A step of the robot where the owner moves it; false: it stands.
+  Result<bool> step();
   /// Which drive sends frames with this identifier on this bus, if any does.
   std::optional<std::size_t> sender(std::size_t bus, const Frame& frame) const;
 
@@ -89,7 +100,7 @@ class Bench {
     std::deque<Kept> kept;  // frames from a SYNC on that waits for another bus
     int syncs_kept = 0;
   };
-  Sent counted(std::size_t bus, const Frame& frame, const SendOn& send);
+  Sent counted(std::size_t drive, const Frame& frame, const SendOn& send);
   void count(Bus& bus, const Frame& frame, std::int64_t now_ns);
   Result<void> handle(std::size_t bus, const Frame& frame, std::int64_t came_ns, std::int64_t now_ns);
   Result<void> advance(std::int64_t now_ns);
@@ -102,6 +113,10 @@ class Bench {
   bool any_stops_alone() const;
   void start_clock(std::int64_t now_ns);
   Result<void> follow_clock(std::int64_t now_ns);
+  bool stands() const { return left_us_ && *left_us_ <= 0; }
+  void moved(std::int64_t us) {
+    if (left_us_) *left_us_ -= us;
+  }
 
   Plant plant_;
   BenchOptions options_;
@@ -110,8 +125,10 @@ class Bench {
   Node* first_ = nullptr;  // of a CANopen bench: its 1006h is the length of a cycle
   std::vector<Bus> buses_;
   Rendezvous rendezvous_;
-  std::int64_t last_cycle_ns_ = -1;  // when a SYNC moved the robot on
-  std::int64_t moved_to_ns_ = -1;    // to this time the clock has moved the robot; -1: it does not
+  std::int64_t last_cycle_ns_ = -1;      // when a SYNC moved the robot on
+  std::int64_t moved_to_ns_ = -1;        // to this time the clock has moved the robot; -1: it does not
+  std::optional<std::int64_t> left_us_;  // until the robot stands
+  bool stood_ = false;                   // when it was told to move; the clock has not moved it since
 };
 
 }  // namespace tribotwin::hil

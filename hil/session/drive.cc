@@ -81,6 +81,10 @@ class Session : SessionControl {
                       return done;
                     },
                 .stop = o.stop,
+                .emcy =
+                    [this](std::size_t drive, std::uint16_t code) {
+                      if (o_.events.emcy) o_.events.emcy(time_s(), drive, code);
+                    },
                 .answered = [this](std::size_t bus) { buses_[bus].sync.answered(clock_ns(CLOCK_REALTIME)); }},
                [this](std::size_t bus, const Frame& frame) {
                  record(bus, frame, true);
@@ -127,6 +131,12 @@ class Session : SessionControl {
     bench_.plant().happen(event);
     if (record_) record_->event(twin::to_text(event));
     return record_ || !o_.output.empty();
+  }
+
+  void hold(std::optional<std::int64_t> cycles) override {
+    require_repeats(cycles ? "pause" : "resume");
+    bench_.hold(cycles);
+    if (record_) record_->hold(cycles);
   }
 
   void inject(twin::Mapping& keys) override {
@@ -212,8 +222,9 @@ class Session : SessionControl {
   /// Bounded, so that a robot that cannot keep up with the clock does not keep the bus from being served.
   Status follow_clock() {
     for (int k = 0; k < 256 && !finished() && pace_.take(clock_ns()); ++k) {
-      if (auto ok = bench_.plant().step(bench_.drives()); !ok) return ok;
-      if (record_) record_->step();
+      const auto moved = bench_.step();
+      if (!moved) return tl::unexpected(moved.error());
+      if (*moved && record_) record_->step();
     }
     impose_faults();
     return {};

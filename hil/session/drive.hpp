@@ -25,6 +25,8 @@ class SessionControl {
   virtual void inject(twin::Mapping& keys) = 0;
   /// An event of a scenario happens now (Plant::happen); whether a record has it. Throws InputError.
   virtual bool happen(YAML::Node event) = 0;
+  /// As Bench::hold, in the record too. Throws InputError where that could not repeat it.
+  virtual void hold(std::optional<std::int64_t> cycles) = 0;
 };
 
 /// State of a session for its status line.
@@ -40,6 +42,16 @@ struct SessionStatus {
   const Bench* bench;
   std::vector<Bus> buses;
   SessionControl* control = nullptr;  ///< none in a replay
+};
+
+/// What a session says at the moment it is so, at simulated time `time_s`. Functions may be empty.
+struct SessionEvents {
+  /// A drive sends an EMCY: its error code, 0: no error any more.
+  std::function<void(double time_s, std::size_t drive, std::uint16_t code)> emcy;
+  /// Of a replay: an event of a scenario that the session had happens again.
+  std::function<void(double time_s, const YAML::Node& event)> happened;
+  /// Of a replay: an injected fault of a drive begins or ends again.
+  std::function<void(double time_s, const DriveFault& fault)> imposed;
 };
 
 struct DriveOptions {
@@ -64,6 +76,7 @@ struct DriveOptions {
   /// What telemetry.h5 would hold, also without `output`, after each step that it has a sample of.
   std::function<void(const twin::Twin&, double time_s)> sample;
   std::function<void(const std::string&)> note;  ///< called with messages of one line for the user
+  SessionEvents events;
 };
 
 /// Runs the drives of a scenario on a bus until `duration_s` or `stop`. When a record cannot be written any more (full

@@ -77,13 +77,9 @@ void Plant::impose(const DriveFault& fault) {
   if (fault.on) frozen_rad_[fault.drive] = feedback(fault.drive).position_rad;
 }
 
-void Plant::happen(YAML::Node node) {
+void Plant::happen(const YAML::Node& event) {
   constexpr double longest_s = 1e9;  // a session ends when it is stopped: a fault must not grow beyond its most
-  node["time_s"] = twin_.time_s();
-  twin::Event event =
-      twin::read_event(twin::Mapping(node["type"].as<std::string>(), "", node), *scenario_.model, longest_s);
-  if (recorder_) twin::or_wrong_input(recorder_->add_event(node));
-  twin_.happen(std::move(event));
+  twin::happen(twin_, recorder_.get(), event, longest_s);
 }
 
 void Plant::show(std::span<const std::unique_ptr<BusDrive>> drives) {

@@ -57,7 +57,7 @@ class Plant {
   void impose(const DriveFault& fault);
   /// Something happens now: an entry of a scenario's `events` without its time. The record has it too, in
   /// scenario.yaml. Throws twin::InputError, and then nothing happened.
-  void happen(YAML::Node event);
+  void happen(const YAML::Node& event);
 
  private:
   Feedback feedback(std::size_t i) const;

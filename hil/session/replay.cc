@@ -99,7 +99,11 @@ class Replay {
              .nodes = o.nodes,
              .kept =
                  [this](bool) { return std::ranges::find(turn_now_.not_kept, keeps_++) == turn_now_.not_kept.end(); },
-             .stop = o.stop},
+             .stop = o.stop,
+             .emcy =
+                 [this](std::size_t drive, std::uint16_t code) {
+                   if (o_.events.emcy) o_.events.emcy(time_s(), drive, code);
+                 }},
             [this](std::size_t bus, const Frame& frame) {
               said_[bus].push(frame);
               return Sent::done;
@@ -122,6 +126,7 @@ class Replay {
   }
 
  private:
+  double time_s() const { return bench_.plant().twin().time_s(); }
   bool stopped() const { return o_.stop && o_.stop(); }
   bool any_said() const {
     return std::ranges::any_of(said_, [](const ExpectedFrames& said) { return !said.empty(); });
@@ -186,7 +191,7 @@ class Replay {
     }
     if (killed() && !turns_left_)
       result_.cut = fmt::format("{}: has no end, the session was killed; compared up to {:.3f} s",
-                                session_->file().string(), bench_.plant().twin().time_s());
+                                session_->file().string(), time_s());
     return {};
   }
   /// Whether the session did not end in order, once all turns are read.
@@ -208,7 +213,7 @@ class Replay {
     const std::int64_t now_ns = clock_ns();
     if (!o_.status || now_ns - reported_ns_ < s_ns / 5) return;
     reported_ns_ = now_ns;
-    o_.status({bench_.plant().twin().time_s(), 1e-9 * static_cast<double>(now_ns - began_ns_), 0, &bench_,
+    o_.status({time_s(), 1e-9 * static_cast<double>(now_ns - began_ns_), 0, &bench_,
                std::vector<SessionStatus::Bus>(bench_.buses(), SessionStatus::Bus{nullptr, 0, std::nullopt})});
   }
 
@@ -219,6 +224,7 @@ class Replay {
     keeps_ = 0;
     const Turn& turn = turn_now_;
     if (auto ok = happen(turn); !ok) return ok;
+    if (turn.hold) bench_.hold(*turn.hold == Turn::goes_on ? std::nullopt : turn.hold);
     if (now_ns > ticked_ns_)
       if (auto ok = work(bench_.tick(ticked_ns_ = now_ns)); !ok) return ok;
     if (auto ok = impose(turn, 0); !ok) return ok;
@@ -234,7 +240,7 @@ class Replay {
       if (auto ok = impose(turn, i + 1); !ok) return ok;
     }
     for (std::int64_t k = 0; k < turn.steps && !stopped(); ++k)
-      if (auto ok = work(bench_.plant().step(bench_.drives())); !ok) return ok;
+      if (const auto moved = bench_.step(); !moved) return work_failed(moved.error().message);
     if (auto ok = impose(turn, Turn::at_end); !ok) return ok;
     for (const std::size_t bus : turn.recovered)
       if (bus < bench_.buses()) bench_.recovered(bus, now_ns);
@@ -246,7 +252,11 @@ class Replay {
   static Status work(Status status) { return status ? status : work_failed(status.error().message); }
 
   Status happen(const Turn& turn) try {
-    for (const std::string& event : turn.events) bench_.plant().happen(YAML::Load(event));
+    for (const std::string& text : turn.events) {
+      const YAML::Node event = YAML::Load(text);
+      bench_.plant().happen(event);
+      if (o_.events.happened) o_.events.happened(time_s(), event);
+    }
     return {};
   } catch (const std::exception& wrong) {
     return tl::unexpected(
@@ -261,6 +271,7 @@ class Replay {
         return tl::unexpected(fmt::format("{}: has a fault of drive {}; the scenario has {}", session_->file().string(),
                                           imposed.fault.drive + 1, compared_.size()));
       bench_.plant().impose(imposed.fault);
+      if (o_.events.imposed) o_.events.imposed(time_s(), imposed.fault);
     }
     return {};
   }

@@ -42,6 +42,7 @@ struct ReplayOptions {
   /// What telemetry.h5 would hold, see DriveOptions.
   std::function<void(const twin::Twin&, double time_s)> sample;
   std::function<void(const std::string&)> note;  ///< the first difference, when it is found
+  SessionEvents events;
 };
 /// Runs a recorded session through the same code and compares the frames of the drives with the recorded ones. With the
 /// session file beside the log every session repeats; without it the log is taken for one in lockstep without injected

@@ -21,10 +21,11 @@ namespace fs = std::filesystem;
 constexpr std::string_view first_line = "tribotwin-hil session 2", old_first_line = "tribotwin-hil session 1",
                            begin_turns = "turns", last_line = "end";
 constexpr std::size_t longest_start_file = 64 << 20;
-constexpr std::int64_t most_steps = 1'000'000;  ///< of one turn; a session makes a few hundred at most
+constexpr std::int64_t most_steps = 1'000'000;   ///< of one turn; a session makes a few hundred at most
+constexpr std::int64_t most_cycles = 1'000'000;  ///< of one command `step`
 constexpr std::string_view off = "off", on = "on", end_of_turn = "end", back = "recovered", foreign = "misleading",
                            moved = "steps", lost = "not_kept", no_numbers = "unconfigured", absent = "absent",
-                           of_bus = "bus", happened = "event";
+                           of_bus = "bus", happened = "event", stand = "pause", go_on = "resume";
 
 /// The faults of a drive, as the list of faults calls them.
 struct Named {
@@ -88,7 +89,12 @@ std::optional<Turn::Imposed> parse_fault(FaultKind kind, std::string_view value)
 
 bool parse_word(std::string_view word, Turn& turn) {
   if (word == back) return turn.recovered.push_back(0), true;
+  if (word == go_on) return turn.hold = Turn::goes_on, true;
   const auto [key, value] = split(word, '=');
+  if (key == stand) {
+    turn.hold = to_integer<std::int64_t>(value);
+    return turn.hold && *turn.hold >= 0 && *turn.hold <= most_cycles;
+  }
   if (key == back) {
     const auto bus = to_integer<std::size_t>(value);
     if (bus) turn.recovered.push_back(*bus);
@@ -175,6 +181,8 @@ Result<SessionWriter> SessionWriter::create(const fs::path& file, const SessionH
 Result<void> SessionWriter::write(const Turn& turn) {
   std::string line = std::to_string((turn.time_ns - std::exchange(last_ns_, turn.time_ns)) / 1000);
   for (const std::string& event : turn.events) line += fmt::format(" {}={}", happened, as_word(event));
+  if (turn.hold)
+    line += *turn.hold == Turn::goes_on ? fmt::format(" {}", go_on) : fmt::format(" {}={}", stand, *turn.hold);
   if (turn.steps > 0) line += fmt::format(" {}={}", moved, turn.steps);
   for (const std::size_t frame : turn.misleading) line += fmt::format(" {}={}", foreign, frame);
   for (const Turn::Imposed& imposed : turn.faults) line += word_of(imposed);

@@ -38,6 +38,8 @@ struct Turn {
   std::vector<std::size_t> not_kept;   ///< of the commands to store (0, 1, ...) those whose file could not be written
   std::vector<std::size_t> recovered;  ///< buses that were back after a link loss
   std::vector<std::string> events;     ///< of the scenario, which happened before all else: YAML
+  static constexpr std::int64_t goes_on = -1;
+  std::optional<std::int64_t> hold;  ///< before all else: the robot stands after so many more cycles, or `goes_on`
 
   bool operator==(const Turn&) const = default;
 };

@@ -20,6 +20,7 @@ Result<SessionRecord> SessionRecord::create(const std::filesystem::path& log, co
 void SessionRecord::begin(std::int64_t time_ns) {
   turn_ = {.time_ns = time_ns};
   turn_.events = std::exchange(events_, {});
+  turn_.hold = std::exchange(hold_, std::nullopt);
   frames_ = keeps_ = 0;
 }
 
@@ -32,7 +33,8 @@ Result<void> SessionRecord::frame(std::size_t bus, Frame frame, bool misleading)
 
 Result<void> SessionRecord::end() {
   const bool says_more = turn_.steps > 0 || !turn_.recovered.empty() || !turn_.misleading.empty() ||
-                         !turn_.faults.empty() || !turn_.not_kept.empty() || !turn_.events.empty() || frames_ == 0;
+                         !turn_.faults.empty() || !turn_.not_kept.empty() || !turn_.events.empty() || turn_.hold ||
+                         frames_ == 0;
   return session_ && says_more ? session_->write(turn_) : Result<void>{};
 }
 
@@ -42,7 +44,7 @@ Result<void> SessionRecord::flush() {
 }
 
 Result<void> SessionRecord::finish() {
-  if (!events_.empty()) {
+  if (!events_.empty() || hold_) {
     begin(turn_.time_ns);
     if (auto ok = end(); !ok) return ok;
   }

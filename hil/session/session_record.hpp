@@ -22,6 +22,8 @@ class SessionRecord {
   void begin(std::int64_t time_ns);
   /// Between two turns: an event of the scenario happened, in YAML.
   void event(std::string text) { events_.push_back(std::move(text)); }
+  /// Between two turns: the robot stands after so many more cycles, or goes on (Bench::hold).
+  void hold(std::optional<std::int64_t> cycles) { hold_ = cycles.value_or(Turn::goes_on); }
   /// A frame of this turn on `bus`. `misleading`: it was not sent by whom its identifier says.
   Result<void> frame(std::size_t bus, Frame frame, bool misleading);
   void fault(const DriveFault& fault) { turn_.faults.push_back({turn_.steps ? Turn::at_end : frames_, fault}); }
@@ -45,7 +47,9 @@ class SessionRecord {
   LogWriter log_;
   std::optional<SessionWriter> session_;
   Turn turn_;
-  std::vector<std::string> events_;     // of the turn to come
+  // Of the turn to come.
+  std::vector<std::string> events_;
+  std::optional<std::int64_t> hold_;
   std::size_t frames_ = 0, keeps_ = 0;  // of this turn
 };
 

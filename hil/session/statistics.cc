@@ -64,6 +64,7 @@ void add_counts(Json& json, const BenchCounters& c) {
 void add_load(Json& json, const BenchCounters& c, const MeasuredBus& bus, double wall_s) {
   const auto load = [&](double bit_rate) { return wall_s > 0 ? c.bits / (bit_rate * wall_s) : 0; };
   json["frames_in"] = c.frames_in;
+  json["frames_foreign"] = c.foreign;
   json["frames_out"] = c.frames_out;
   json["bus_load_1_mbit"] = load(1e6);
   if (!bus.bit_rate) return;

@@ -1,5 +1,3 @@
-#include <thread>
-
 #include <fmt/format.h>
 
 #include <tribotwin/render/commands/page.hpp>
@@ -57,7 +55,6 @@ void add_fleet(CLI::App& app, Call& call) {
       ->check(CLI::Range(0, 100))
       ->capture_default_str();
   command->footer("Example:\n  tribotwin-report fleet plant.db -o week.html");
-  a->fleet.survey.threads = std::max(1u, std::thread::hardware_concurrency());
   command->callback([a, &call] { call.code = execute(*a, call.command_line); });
 }
 

@@ -18,7 +18,7 @@ WATCH = """(() => {
   after.port1.onmessage = () => seen.push([performance.timeOrigin + performance.now(), newest]);
   const look = () => {
     requestAnimationFrame(look);
-    newest = Number(document.querySelector('#cursor_time data')?.value);
+    newest = Number(document.querySelector('#figures').dataset.row);
     after.port2.postMessage(0);
   };
   requestAnimationFrame(look);
@@ -56,7 +56,7 @@ def turn(folder):
             tab = browser.tab()
             tab.window(1440, 900)
             tab.go(address)
-            tab.until("document.querySelectorAll('.history').length === 4")
+            tab.until("document.querySelectorAll('.history').length === 4", 30)
             tab.value("document.querySelector('#plots').scrollIntoView()")  # what is not seen is not drawn
             time.sleep(5)
             drawn = tab.value(IN_SIGHT)
@@ -77,9 +77,9 @@ def main():
             steps, seen, drawn = turn(folder)
         frames = [(wall, newest) for wall, newest in seen]
         late, at = [], 0
-        first, last = round(1e3 * frames[0][1]) + 1, round(1e3 * frames[-1][1])
+        first, last = frames[0][1] + 1, frames[-1][1]
         for step in range(first, last + 1):
-            while round(1e3 * frames[at][1]) < step:
+            while frames[at][1] < step:
                 at += 1
             late.append(frames[at][0] - steps[step])
         late.sort()

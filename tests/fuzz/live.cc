@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <random>
 #include <string>
@@ -17,28 +18,48 @@
 #include <sys/time.h>
 #include <unistd.h>
 
+#include <tribotwin/twin/live/commands.hpp>
 #include <tribotwin/twin/live/server.hpp>
+#include <tribotwin/twin/simulation/scenario_input.hpp>
 
 namespace {
 
+using namespace tribotwin::twin;
 using namespace tribotwin::twin::live;
+
+long inside = 0, answered = 0, refused = 0, files = 0;
+std::optional<std::int64_t> left;  // of the run that is paused
 
 /// A bench that needs a token although it is on loopback.
 struct HostileBench {
   std::unique_ptr<Server> server;
   std::uint16_t port = 0;
   std::string token;
+  /// What hostile pages record and export comes here and nowhere else.
+  const std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / fmt::format("tribotwin_fuzz_live_{}", ::getpid());
 
+  HostileBench(const HostileBench&) = delete;
+  ~HostileBench() {
+    server.reset();
+    std::filesystem::remove_all(folder);
+  }
   HostileBench() {
     ServerOptions options;
     options.address = {.host = "127.0.0.1", .port = 0, .loopback = false};
     options.limits.messages_per_s = 1000;  // so that what is said reaches the parser
-    auto started = Server::start(options, {.program = "fuzz",
-                                           .version = "1",
-                                           .scenario = "fuzz",
-                                           .commands = {"pause", "marker"},
-                                           .joints = {{"joint1", "load", 80}},
-                                           .columns = std::vector<Column>(8, {"", "time_s", "s"})});
+    options.limits.memory_bytes = 1 << 16;
+    std::filesystem::create_directories(folder);
+    options.folder = folder;
+    Hello hello{.program = "fuzz",
+                .version = "1",
+                .scenario = "fuzz",
+                .commands = {"pause", "marker", "step", "wear"},
+                .joints = {{"joint1", "load", 80}},
+                .columns = std::vector<Column>(8, {"", "time_s", "s"})};
+    hello.head = TelemetryOptions{.joints = {"joint1"}, .channels = std::vector<Channel>(7)};
+    for (std::size_t c = 0; c < 7; ++c) hello.head->channels[c].name = fmt::format("channel_{}", c);
+    auto started = Server::start(options, std::move(hello));
     require(started.has_value(), "no server");
     server = std::move(*started);
     const std::string& url = server->url();
@@ -53,36 +74,75 @@ HostileBench& bench() {
   return one;
 }
 
-/// A connection that sends `bytes`, says that it has no more, and hears the rest.
-std::string answer_to(std::string_view bytes) {
-  const int client = ::socket(AF_INET, SOCK_STREAM, 0);
-  const timeval patience{.tv_sec = 20, .tv_usec = 0};
-  ::setsockopt(client, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
-  const linger at_once{.l_onoff = 1, .l_linger = 0};  // no port waits
-  ::setsockopt(client, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
-  const sockaddr_in address{
-      .sin_family = AF_INET, .sin_port = htons(bench().port), .sin_addr = {htonl(INADDR_LOOPBACK)}, .sin_zero = {}};
-  require(::connect(client, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0, "nobody listens");
-  while (!bytes.empty()) {
-    const ssize_t sent = ::send(client, bytes.data(), bytes.size(), MSG_NOSIGNAL);
-    if (sent <= 0) break;  // refused before the end
-    bytes.remove_prefix(static_cast<std::size_t>(sent));
+/// A connection to the bench.
+class Stranger {
+ public:
+  Stranger() : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    const timeval patience{.tv_sec = 20, .tv_usec = 0};
+    ::setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    const linger at_once{.l_onoff = 1, .l_linger = 0};  // no port waits
+    ::setsockopt(socket_, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
+    const sockaddr_in address{
+        .sin_family = AF_INET, .sin_port = htons(bench().port), .sin_addr = {htonl(INADDR_LOOPBACK)}, .sin_zero = {}};
+    require(::connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0, "nobody listens");
   }
-  ::shutdown(client, SHUT_WR);
-  std::string all;
-  char part[4096];
-  ssize_t got;
-  while ((got = ::recv(client, part, sizeof part, 0)) > 0) all.append(part, static_cast<std::size_t>(got));
-  require(got == 0 || errno != EAGAIN, "the connection was not closed");
-  ::close(client);
+  Stranger(const Stranger&) = delete;
+  ~Stranger() { ::close(socket_); }
+
+  void send(std::string_view bytes) {
+    while (!bytes.empty()) {
+      const ssize_t sent = ::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+      if (sent <= 0) break;  // refused before the end
+      bytes.remove_prefix(static_cast<std::size_t>(sent));
+    }
+  }
+  /// Hears what comes up to this, or to the end.
+  std::string hear(std::string_view end) {
+    std::string all;
+    for (char byte; !all.ends_with(end) && ::recv(socket_, &byte, 1, 0) == 1;) all += byte;
+    return all;
+  }
+  /// Says that it has no more to say, and hears the rest.
+  std::string rest() {
+    ::shutdown(socket_, SHUT_WR);
+    std::string all;
+    char part[4096];
+    ssize_t got;
+    while ((got = ::recv(socket_, part, sizeof part, 0)) > 0) all.append(part, static_cast<std::size_t>(got));
+    require(got == 0 || errno != EAGAIN, "the connection was not closed");
+    return all;
+  }
+
+ private:
+  int socket_;
+};
+
+std::string answer_to(std::string_view bytes) {
+  Stranger stranger;
+  stranger.send(bytes);
+  return stranger.rest();
+}
+
+/// The commands of `run` and `drive` are read as they read them; what they say happens or is refused.
+Acts acts() {
+  Acts all;
+  add_events(all, *bench().server, 1, [](const YAML::Node& event) {
+    Mapping in("event", "", event);  // as read_event, which needs a model for the rest
+    if (event["type"].Scalar() == "marker") read_marker(in);
+    require(!to_text(event).empty(), "an event without words");
+    return true;
+  });
+  add_pause(all, 1, {"the run", "row", [] { return left; }, [](auto moves) { left = moves; }});
   return all;
 }
 
-void check_commands() {
-  while (const auto command = bench().server->take()) {
-    require(command->name == "pause" || command->name == "marker", "a command that there is not");
-    require(command->id.is_string() || command->id.is_number_integer(), "a command without an id");
-    bench().server->tell(Done{command->viewer, command->id, true, "done"});
+/// Files of live benches alone, and few: they are removed so that the disk stays as it is.
+void check_files() {
+  for (const auto& entry : std::filesystem::directory_iterator(bench().folder)) {
+    const std::string name = entry.path().filename().string();
+    // A dot while it is written; two for telemetry.h5 inside a file that is being written.
+    require(name.substr(name.find_first_not_of('.')).starts_with("live-"), "a file with a name that a page chose");
+    if (!name.starts_with(".")) std::filesystem::remove(entry.path()), ++files;
   }
 }
 
@@ -93,8 +153,6 @@ std::string upgrade_of(const std::string& more) {
       bench().port, more);
 }
 
-long inside = 0, refused = 0;
-
 /// A request of a stranger; of these bytes not one is the token.
 void check_request(std::string_view bytes) {
   const std::string answer = answer_to(bytes);
@@ -104,14 +162,17 @@ void check_request(std::string_view bytes) {
   refused += !answer.empty();
 }
 
-/// A viewer with the token and these bytes behind its request.
+/// A viewer with the token, and these bytes once it is one: what comes before is not read as frames.
 void check_viewer(std::string_view bytes) {
-  const std::string answer =
-      answer_to(upgrade_of("Cookie: tribotwin_" + std::to_string(bench().port) + "=" + bench().token + "\r\n") +
-                std::string(bytes));
-  // An answer may be lost with the connection; there is no other one.
-  require(answer.empty() || answer.starts_with("HTTP/1.1 101"), "a viewer was refused");
-  inside += !answer.empty();
+  Stranger viewer;
+  viewer.send(upgrade_of("Cookie: tribotwin_" + std::to_string(bench().port) + "=" + bench().token + "\r\n"));
+  const std::string head = viewer.hear("\r\n\r\n");
+  require(head.starts_with("HTTP/1.1 101"), "a viewer was refused");
+  ++inside;
+  viewer.send(bytes);
+  const std::string answer = viewer.rest();
+  // An answer may be lost with the connection.
+  answered += answer.find(R"("type":"done")") != answer.npos;
 }
 
 class HostileInput {
@@ -196,8 +257,26 @@ class HostileInput {
     }
   }
   std::string command() {
-    return R"({"type":)" + (below(6) ? R"("command")" : value()) + R"(,"id":)" + value() + R"(,"do":)" +
-           (below(3) ? R"("marker")" : value()) + R"(,"text":)" + value() + "}";
+    const std::string begin = R"({"type":)" + (below(6) ? R"("command")" : value()) + R"(,"id":)" + value();
+    const std::string name = one_of({"marker", "pause", "resume", "step", "wear", "record", "export", "fly"});
+    std::string keys;
+    for (const char* key : {"text", "cycles", "joint", "parameter", "factor", "on", "minutes", "format", "messages"})
+      if (below(20) == 0 || belongs(key, name))
+        if (below(9)) keys += fmt::format(R"(,"{}":{})", key, below(3) ? fitting(key) : value());
+    return begin + R"(,"do":)" + (below(9) ? '"' + name + '"' : value()) + keys + "}";
+  }
+  static bool belongs(std::string_view key, std::string_view name) {
+    static const std::pair<const char*, const char*> all[] = {
+        {"text", "marker"}, {"cycles", "step"}, {"joint", "wear"},     {"parameter", "wear"},
+        {"factor", "wear"}, {"on", "record"},   {"minutes", "export"}, {"format", "export"}};
+    return std::ranges::any_of(all, [&](const auto& row) { return row.first == key && row.second == name; });
+  }
+  std::string fitting(std::string_view key) {
+    if (key == "on") return one_of({"true", "false"});
+    if (key == "format") return one_of({"\"h5\"", "\"mcap\""});
+    if (key == "messages") return one_of({"\"ros2\"", "\"json\""});
+    if (key == "text" || key == "joint" || key == "parameter") return one_of({"\"joint1\"", "\"../../x\"", "\"a\""});
+    return one_of({"1", "5", "0.5", "1e9"});
   }
   std::string value() {
     return one_of({"1",
@@ -261,7 +340,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     check_request(bytes);
   else
     check_viewer(bytes);
-  check_commands();
+  obey(*bench().server, 1, acts());
+  static long inputs = 0;
+  if (++inputs % 64 == 0) check_files();
   return 0;
 }
 
@@ -277,7 +358,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string page =
       answer_to(fmt::format("GET /?token={} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", bench().token, bench().port));
   require(page.starts_with("HTTP/1.1 200"), "the bench serves no more");
-  std::printf("%ld inputs with seed %llu: %ld strangers refused, %ld viewers\n", count,
-              static_cast<unsigned long long>(seed), refused, inside);
-  return count < 100 || (inside > 0 && refused > 0) ? 0 : 1;
+  check_files();
+  std::printf("%ld inputs with seed %llu: %ld strangers refused, %ld viewers, %ld answered, %ld files\n", count,
+              static_cast<unsigned long long>(seed), refused, inside, answered, files);
+  return count < 10'000 || (inside > 0 && answered > 0 && refused > 0 && files > 0) ? 0 : 1;
 }

@@ -1,9 +1,10 @@
 """What the tests of tribotwin-hil share: drives to start and a bus to them."""
-import atexit, os, re, subprocess, time
+import atexit, os, re, subprocess, threading, time
 
 import can
 
 from harness import work
+from master import Master
 
 
 def hold_scenario(source):
@@ -29,3 +30,40 @@ def connect(address, interface, channel, **more):
             interface="socketcand", channel=channel, host="127.0.0.1", port=int(re.search(r":(\d+)/", address).group(1))
         )
     return can.Bus(interface=interface, channel=channel, **more)
+
+
+class Movement(threading.Thread):
+    """A master that enables the drives and moves joint 2, a SYNC every 4 ms, until it is told to end; the SYNC number
+    `odd_sync` has a counter that no drive was told of."""
+
+    def __init__(self, address, nodes, odd_sync=None):
+        super().__init__(daemon=True)
+        self.address, self.nodes = address, nodes
+        self.going, self.enabled = True, threading.Event()
+        self.k, self.odd_sync, self.unanswered = 0, odd_sync, 0
+
+    def run(self):
+        master = Master(connect(self.address, "socketcand", "can0"), self.nodes)
+        master.nmt(1)
+        master.be_patient(10000)
+        for n in self.nodes:
+            master.send_torque(n)
+        for word in (0x80, 0x00, 0x06, 0x07, 0x0F):
+            master.control(word)
+            master.cycle()
+            master.cycle()
+        home = dict(master.position)
+        self.enabled.set()
+        while self.going:
+            begun = time.monotonic()
+            self.k += 1
+            step = 20000 * (1 - abs(self.k % 500 / 250 - 1))
+            if self.k == self.odd_sync:
+                master.send(0x80, b"\x01")
+            targets = {n: home[n] + round(step) if n == 2 else home[n] for n in self.nodes}
+            try:
+                self.unanswered += self.going and not master.cycle(targets)
+            except can.CanError:  # the drives have ended
+                break
+            time.sleep(max(0, 0.004 - (time.monotonic() - begun)))
+        master.bus.shutdown()

@@ -1,13 +1,14 @@
 """`tribotwin-hil replay --web` and `shadow --web`: what a viewer gets is what telemetry.h5 of the replay and the CSV of
 the shadow have. Arguments: tribotwin-hil, source tree."""
-import csv, os, signal, subprocess, sys, threading, time
+import csv, os, signal, subprocess, sys, time
 
+import can
+import h5py
 import numpy
 
 from harness import check, check_refused, content, finish, path, run, work
-from master import Master
-from session import connect, hold_scenario
-from web_viewer import PATIENCE_S, compare, watch, web_address
+from session import Movement, hold_scenario
+from web_viewer import PATIENCE_S, begin_web, compare, watch
 
 hil, source = sys.argv[1:]
 scenario = hold_scenario(source)
@@ -18,56 +19,19 @@ MARK = ({"type": "watch", "joint": "joint1"}, {"type": "command", "id": 1, "do":
         {"type": "command", "id": 2, "do": "pause"})  # fmt: skip
 
 
-def begin(name, *command):
-    """The process with a page, and where that is."""
-    with open(path(name + ".log"), "w") as log:
-        process = subprocess.Popen([hil, *command, "--web", "127.0.0.1:0"], cwd=work, stderr=log,
-                                   stdout=open(path(name + ".out"), "w"))  # fmt: skip
-    try:
-        return process, web_address(path(name + ".log"))
-    except RuntimeError:
-        process.kill()
-        raise
-
-
 def check_answers(name, texts):
     hello = texts["hello"][0]
-    check(f"{name}: a page may only mark", (hello["program"], hello["commands"]) == (name, ["marker"]), hello)
+    check(f"{name}: commands", (hello["program"], hello["commands"]) == (name, ["marker", "record", "export"]), hello)
     done = {d["id"]: (d["ok"], d["message"]) for d in texts.get("done", [])}
     check(f"{name}: it marks", done[1][0] and done[1][1].endswith("no record has it"), done)
-    check(f"{name}: no other command", done[2] == (False, "do must be one of: marker"), done)
-
-
-class Movement(threading.Thread):
-    """A master that enables the drives and moves joint 2, a SYNC every 4 ms, until it is told to end."""
-
-    def __init__(self):
-        super().__init__(daemon=True)
-        self.going, self.enabled = True, threading.Event()
-
-    def run(self):
-        master = Master(connect(address, "socketcand", "can0"), nodes)
-        master.nmt(1)
-        for n in nodes:
-            master.send_torque(n)
-        for word in (0x80, 0x00, 0x06, 0x07, 0x0F):
-            master.control(word)
-            master.cycle()
-            master.cycle()
-        home, k = dict(master.position), 0
-        self.enabled.set()
-        while self.going:
-            begun = time.monotonic()
-            k += 1
-            step = 20000 * (1 - abs(k % 500 / 250 - 1))
-            master.cycle({n: home[n] + round(step) if n == 2 else home[n] for n in nodes})
-            time.sleep(max(0, 0.004 - (time.monotonic() - begun)))
-        master.bus.shutdown()
+    check(f"{name}: no other command", done[2] == (False, "do must be one of: marker, record, export"), done)
 
 
 def test_replay():
     """The record of the last drive, at its own speed and as fast as possible."""
-    process, where = begin("replay", "replay", scenario, "moved.log", *rate, "-o", "replay", "--force", "--cycle", "4")
+    process, where = begin_web(
+        hil, "replay", "replay", scenario, "moved.log", *rate, "-o", "replay", "--force", "--cycle", "4"
+    )
     texts, numbers, rows, end = watch(*where, *MARK)
     code = process.wait(PATIENCE_S)
     check("replay: ends well, and says good bye", (code, end) == (0, 1001), (end, content("replay.log")))
@@ -108,15 +72,73 @@ def check_targets(hello, statuses, rows):
     check("replay: no power, no target", all(d["target"]["position_rad"] is None for d in off), off)
 
 
+class Held:
+    """What a viewer says to drives in lockstep: pause when they move, after a while five cycles, then on."""
+
+    def __init__(self, movement):
+        self.movement, self.said, self.paused, self.stepped, self.cycles = movement, False, [], [], []
+
+    def __call__(self, text):
+        say = lambda number, do, **more: {"type": "command", "id": number, "do": do, **more}
+        if text["type"] != "status" or not self.movement.enabled.is_set() or self.movement.k < 100:
+            return []
+        if not self.said:
+            self.said = True
+            return [say(1, "pause")]
+        if not text["paused"]:
+            return []
+        self.cycles.append(text["buses"][0]["syncs"])
+        if len(self.paused) < 4:
+            self.paused.append(text["simulated_s"])
+            return [say(2, "step", cycles=5)] if len(self.paused) == 4 else []
+        self.stepped.append(text["simulated_s"])
+        return [say(3, "resume")] if len(self.stepped) == 5 else []
+
+
+def test_drive_is_held():
+    """In lockstep: the drives answer each SYNC, the robot stands, and a replay has the same frames and numbers."""
+    process, where = begin_web(hil, "held", "drive", scenario, "--can", address, "--quiet", "--record",
+                               "held_bus.log", "-o", "held", "--cycle", "4", *rate, "--duration", "4")  # fmt: skip
+    movement = Movement(address, nodes, odd_sync=50)
+    movement.start()
+    held = Held(movement)
+    texts, numbers, rows, end = watch(*where, answer=held)
+    code = process.wait(PATIENCE_S)
+    movement.going = False
+    movement.join(20)
+    check("held: ends well, and says good bye", (code, end) == (0, 1001), (code, end, content("held.log")))
+    compare("held", "held", texts["hello"][0], numbers, rows)
+    done = {d["id"]: d["ok"] for d in texts["done"]}
+    check("held: obeyed", done == {1: True, 2: True, 3: True}, texts["done"])
+    stood, stepped = set(held.paused), set(held.stepped[2:])
+    check("held: the robot stands, and moves five cycles of 4 ms", len(stood) == len(stepped) == 1 and
+          abs(max(stepped) - max(stood) - 0.02) < 1e-9, (held.paused, held.stepped))  # fmt: skip
+    check("held: SYNCs went on", held.cycles[-1] - held.cycles[0] > 100, held.cycles)
+    check("held: the drives answered all but the one after the end", movement.unanswered <= 1, movement.unanswered)
+    told = [(e["joint"], e["text"][:5]) for e in texts["event"] if e["kind"] == "emcy"]
+    expected = [(f"joint{n}", text) for n in nodes for text in ("8240h", "no er")]
+    check("held: errors of a moment are events", sorted(told) == sorted(expected), told)
+    again = run(hil, "replay", scenario, "held_bus.log", *rate, "--fast", "-o", "held_again", "--cycle", "4")
+    check("held: a replay repeats it", ": 0 differ, 0 missing, 0 added" in again.stdout, again.stdout + again.stderr)
+    with h5py.File(path("held", "telemetry.h5")) as one, h5py.File(path("held_again", "telemetry.h5")) as other:
+        differing = [
+            f"{j}/{c}"
+            for j in (f"joint{n}" for n in nodes)
+            for c in one[j]
+            if one[j][c][:].tobytes() != other[j][c][:].tobytes()
+        ]
+    check("held: the replay has the same bits", not differing, differing)
+
+
 def test_shadow():
     """Beside a drive that moves: all that the page gets is what the CSV says, in its digits."""
     drive = subprocess.Popen([hil, "drive", scenario, "--can", address, "--quiet", "--record", "moved.log",
                               "--cycle", "4", *rate], cwd=work)  # fmt: skip
     time.sleep(1)
-    process, where = begin("shadow", "shadow", scenario, "--can", gateway, "--csv", "shadow.csv", "--limit", "1e-3",
-                           "--limit-time", "0.1", "--joint", "joint2", "--lockstep", "--cycle", "4",
-                           "--duration", "6")  # fmt: skip
-    movement = Movement()  # after the shadow, which must hear how the torque is mapped
+    process, where = begin_web(hil, "shadow", "shadow", scenario, "--can", gateway, "--csv", "shadow.csv",
+                               "--limit", "1e-3", "--limit-time", "0.1", "--joint", "joint2", "--lockstep", "--cycle",
+                               "4", "--duration", "8")  # fmt: skip
+    movement = Movement(address, nodes)  # after the shadow, which must hear how the torque is mapped
     movement.start()
     texts, numbers, rows, end = watch(*where, *MARK)
     code = process.wait(PATIENCE_S)
@@ -170,6 +192,7 @@ def test_wrong():
         check_refused(f"{command[0]} --web-readonly alone", r, "--web", lines=None)
 
 
+test_drive_is_held()
 test_shadow()
 test_replay()
 test_wrong()

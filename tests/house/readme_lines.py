@@ -4,8 +4,8 @@
     readme_lines.py SOURCE BIN README...        READMEs as paths within SOURCE
 
 Each README gets a fresh folder that holds the tree under the names that a clone has, with the programs of BIN in
-build/release/bin and the examples built with them in build/release/examples. Its fenced blocks are taken in the
-order printed:
+build/release/bin, the examples built with them in build/release/examples and the Python module in
+build/release/python. Its fenced blocks are taken in the order printed:
 
     ```bash             every line is run, in one shell; it must end with exit code 0, or with the code that its comment
                         documents ("# ... exit code 3 ...")
@@ -136,7 +136,8 @@ def run(source, programs, readme):
             (root / part).symlink_to(source / part)
         (root / 'build/release').mkdir(parents=True)
         (root / 'build/release/bin').symlink_to(programs)
-        (root / 'build/release/examples').symlink_to(programs.parent / 'examples')
+        for made in ('examples', 'python'):
+            (root / 'build/release' / made).symlink_to(programs.parent / made)
         try:
             done = subprocess.run(
                 ['bash', '-c', script], cwd=root, capture_output=True, text=True, timeout=LONGEST_S, errors='replace'

@@ -9,14 +9,15 @@
    FAULTY_DISK_HOW       full   it and all that follow fail with ENOSPC
                          once   it alone fails
                          short  a write writes half, returns that, and all that follows fails; other calls as `full`
-                         kill   SIGKILL in its place
+                         kill   SIGKILL of the program and of this process of it in its place
                          torn   a write writes half, then SIGKILL; other calls as `kill`
    FAULTY_DISK_LOG       file to which each change adds a line: its number, the call, the path
 
    A change is: open for writing with O_CREAT, O_TRUNC or O_TMPFILE, fopen for writing, mkstemp and its kin, mkdir;
    write, pwrite, writev, pwritev, copy_file_range, sendfile, fwrite, fflush; truncate, ftruncate, fallocate,
    posix_fallocate; fsync, fdatasync; rename, link, symlink; and close of a descriptor that was written and not
-   synchronised since, where network file systems report what they could not keep. Removing and shortening are none:
+   synchronised since, where network file systems report what they could not keep. The processes that a program forks
+   count with it: there is one disk, and a machine dies with all of them. Removing and shortening are none:
    they work on a full disk. Nor does a full disk refuse a write into space that the file has already, by an earlier
    write or by fallocate (POSIX says so of the latter). A write that is torn by a kill ends between two pages: Linux
    looks for signals there.
@@ -36,6 +37,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/uio.h>
@@ -55,7 +57,8 @@ static char folder[PATH_MAX];
 static size_t folder_length;
 static enum { full, once, half, killed, torn } how;
 static long at;
-static atomic_long count;
+static atomic_long* count; /* of all processes of the program */
+static pid_t program;
 static int log_file = -1;
 static atomic_bool unsynchronised[descriptors];
 
@@ -72,6 +75,9 @@ __attribute__((constructor)) static void start(void) {
   const char* programs = getenv("FAULTY_DISK_PROGRAMS");
   if (!where || !realpath(where, folder) || readlink("/proc/self/exe", self, sizeof self - 1) < 0) return;
   if (programs && !named(programs, strrchr(self, '/') + 1)) return;
+  count = mmap(NULL, sizeof *count, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  if (count == MAP_FAILED) abort();
+  program = getpid();
   folder_length = strlen(folder);
   const char* number = getenv("FAULTY_DISK_AT");
   at = number ? atol(number) : 0;
@@ -116,6 +122,7 @@ static void resolve(int directory, const char* given, char* path) {
 }
 
 static _Noreturn void die(void) {
+  kill(program, SIGKILL);
   kill(getpid(), SIGKILL);
   for (;;) pause();
 }
@@ -124,7 +131,7 @@ enum verdict { go_on, fail, write_half };
 
 /* Counts a change, notes it, and says what becomes of it. */
 static enum verdict change(const char* call, const char* path, bool is_write) {
-  const long n = atomic_fetch_add(&count, 1) + 1;
+  const long n = atomic_fetch_add(count, 1) + 1;
   if (log_file >= 0) {
     char line[PATH_MAX + 64];
     const int length = snprintf(line, sizeof line, "%ld %s %s\n", n, call, path);

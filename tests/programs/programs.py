@@ -45,7 +45,7 @@ class Command:
     given: tuple = ()  # inputs that are copied there, because it writes beside or over them
     old: tuple = ()  # (input, name there): an old result to be replaced with --force; files of `out` have one anyway
     resumable: bool = False  # started again, it goes on
-    state: str = ""  # what it needs for that, beside its results; gone once they are complete
+    state: str | tuple = ""  # what it needs for that, beside its results; gone once they are complete
     as_one: bool = False  # its files are one result: the old one is whole until the new one is
     recording: bool = False  # what it recorded until it failed may stay: rows or lines that are right, not all of them
     slow: bool = False  # too long to be run hundreds of times
@@ -93,10 +93,10 @@ commands = [
         ),
         Command(
             "run, varied",
-            ("tribotwin", "run", "{in}/varied.yaml", "-o", "out", "--threads", "1"),
+            ("tribotwin", "run", "{in}/varied.yaml", "-o", "out", "--threads", "1", "--retries", "0"),
             ("out/",),
             resumable=True,
-            state="out/.unfinished/",
+            state=("out/.unfinished/", "out/failures.csv"),
             recording=True,
         ),
         Command(
@@ -220,6 +220,12 @@ commands = [
             ),
             ("joint.xml",),
             stream="joint.xml",
+        ),
+        Command(
+            "export --c",
+            ("tribotwin", "export", "{in}/params.yaml", "--c", "joint.c", "--tau-max", "1", "--gear-ratio", "100"),
+            ("joint.c",),
+            stream="joint.c",
         ),
         Command(
             "add-drives", ("tribotwin", "add-drives", "{in}/bare.xml", "-o", "robot.xml"), ("robot.xml", "robot.yaml")

@@ -22,6 +22,7 @@ struct Arguments {
   std::optional<std::uint64_t> seed;
   TableArguments tables;
   unsigned threads = 0;
+  int retries = 1;
   bool json = false, quiet = false, force = false;
 };
 
@@ -43,6 +44,8 @@ Result<void> fit_missing(const Arguments& a, CalibrationResults& results, const 
   };
   const auto outcome = calibrate(results.campaign.plan, results.fits,
                                  {.threads = threads_of(a.threads),
+                                  .retries = a.retries,
+                                  .folder = file.parent_path(),
                                   .identity = results.campaign.resolved,
                                   .stop = &interrupted(),
                                   .progress = show,
@@ -106,6 +109,8 @@ void add_calibrate(CLI::App& app, int& code) {
   c->add_option("--seed", a->seed, "Seed of the search");
   c->add_option("--threads", a->threads, "Threads (under mpirun, per rank: 1); they do not change the result")
       ->check(CLI::Range(1, 256));
+  c->add_option("--retries", a->retries, "Further attempts of a simulation that crashed (default: 1)")
+      ->check(CLI::Range(0, 100));
   c->add_flag("--json", a->json, "Print calibration.json instead of the table");
   c->add_flag("--quiet", a->quiet, "No progress, no notes");
   c->add_flag("--force", a->force, "Replace twin files that were changed since they were written");

@@ -4,7 +4,6 @@
 #include <iterator>
 #include <limits>
 #include <memory>
-#include <thread>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -20,10 +19,12 @@
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/identification/verdict/friction_lacking.hpp>
+#include <tribotwin/twin/identification/verdict/lag_of_files.hpp>
 #include <tribotwin/twin/identification/verdict/negative_values.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 #include <tribotwin/twin/robot/coupling/coupling.hpp>
 
@@ -41,7 +42,7 @@ struct Arguments {
   std::vector<std::string> data, coupling, payloads, position_torque;
   std::vector<std::string> lag;  // empty: none, or what --friction auto finds
   Preparation preparation;
-  unsigned threads = std::max(1u, std::thread::hardware_concurrency());
+  unsigned threads = threads_of(0);
   std::optional<double> prior_percent;
   bool no_rotor_inertia = false, json = false, quiet = false, essential = false, unweighted = false, no_offset = false,
        asymmetry = false, drive_gains = false, iv = false;
@@ -73,6 +74,7 @@ struct Judgement {
   std::vector<Lacking> lacking;  ///< of friction
   std::vector<JointRange> ranges;
   std::vector<Negative> negative;
+  std::vector<FileLag> lags;  ///< of several files
 };
 
 Judgement judged(const Robot& robot, const RobotFriction& friction, const JointMotion& motion, const DynamicsFit& fit,
@@ -80,9 +82,12 @@ Judgement judged(const Robot& robot, const RobotFriction& friction, const JointM
   const Eigen::MatrixXd load = gear_load(robot.regressor, robot.base, fit.parameters.base, motion, threads);
   std::vector<JointRange> ranges = ranges_of(motion, load, with_temperature);
   std::vector<Negative> negative = negative_values(robot.regressor, friction, fit, ranges);
-  return {judge_joints(robot.regressor, motion,
-                       predicted_torque(robot.regressor, robot.base, friction, fit.parameters, motion, threads), load),
-          lacking_friction(robot.regressor, friction, motion, load, fit), std::move(ranges), std::move(negative)};
+  const Eigen::MatrixXd predicted =
+      predicted_torque(robot.regressor, robot.base, friction, fit.parameters, motion, threads);
+  const bool several = motion.file.back() > 0;
+  return {judge_joints(robot.regressor, motion, predicted, load),
+          lacking_friction(robot.regressor, friction, motion, load, fit), std::move(ranges), std::move(negative),
+          several ? lag_of_files(robot.regressor, motion, predicted) : std::vector<FileLag>{}};
 }
 
 Json json_of(std::span<const Negative> negative) {
@@ -692,6 +697,7 @@ struct Report {
   const Recorded& data;
   const std::vector<Estimate>& lag;
   const std::vector<std::string>& left_out;
+  const std::vector<std::string>& files;
 };
 
 /// `cutoff_hz`: the one that was used; the setting has 0 for the usual one.
@@ -707,6 +713,9 @@ Json json_of(const Report& r, double cutoff_hz) {
   }
   for (const Estimate& e : r.lag)
     j["lag"][e.name] = {{"value", number(e.value)}, {"sigma", number(e.sigma)}, {"unit", e.unit}};
+  for (const FileLag& lag : r.judgement.lags)
+    j["lag_of_files"][r.robot.regressor.joint_name(lag.joint)][r.files[lag.file]] = {
+        {"value", number(lag.value_s)}, {"sigma", number(lag.sigma_s)}, {"unit", "s"}};
   j["left_out"] = json_of(r.robot, r.left_out);
   return j;
 }
@@ -790,6 +799,7 @@ Result<Exit> execute(const Arguments& a) {
   const Judgement judgement = judged(robot, *friction, motion, *fit, with_temperature, a.threads);
   std::ranges::move(warnings_of(judgement.joints), std::back_inserter(fit->notes));
   std::ranges::move(warnings_of(judgement.negative), std::back_inserter(fit->notes));
+  std::ranges::move(files_that_differ(robot.regressor, a.data, judgement.lags), std::back_inserter(fit->notes));
   if (!a.quiet)
     for (const auto& text : fit->notes) note("{}", text);
   const Consistency consistency =
@@ -804,7 +814,8 @@ Result<Exit> execute(const Arguments& a) {
     if (auto ok = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, origin), a.output); !ok)
       return ok;
   }
-  const Report report{robot, choice, *fit, consistency, consistent, judgement, efficiencies, data, lag, left_out};
+  const Report report{robot,        choice, *fit, consistency, consistent, judgement,
+                      efficiencies, data,   lag,  left_out,    a.data};
   return deliver(a.json ? json_of(report, motion.cutoff_hz).dump(2) + "\n" : text_of(report));
 }
 

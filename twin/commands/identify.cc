@@ -1,7 +1,6 @@
 #include <cmath>
 #include <memory>
 #include <optional>
-#include <thread>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -15,6 +14,7 @@
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -28,7 +28,7 @@ struct Arguments {
   Destination output;
   TableArguments tables;
   double torque_max_nm = 0, gear_ratio = 0;
-  unsigned folds = 0, threads = std::max(1u, std::thread::hardware_concurrency());
+  unsigned folds = 0, threads = threads_of(0);
   bool json = false, staged = false, unweighted = false, each = false, quiet = false;
 };
 

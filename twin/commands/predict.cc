@@ -1,7 +1,8 @@
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <memory>
-#include <thread>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -11,9 +12,11 @@
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/identification/rigid_body/temperature_estimator.hpp>
 #include <tribotwin/twin/identification/rigid_body/wrench.hpp>
+#include <tribotwin/twin/identification/verdict/lag_of_files.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::twin::program {
@@ -33,7 +36,7 @@ struct Arguments {
   std::vector<double> window_s;    ///< none, or first and last time whose errors count
   std::vector<double> start_degC;  ///< none, one for all joints, or one each
   Preparation preparation;
-  unsigned threads = std::max(1u, std::thread::hardware_concurrency());
+  unsigned threads = threads_of(0);
   bool json = false, quiet = false;
 };
 
@@ -363,7 +366,9 @@ Result<Exit> execute(const Arguments& a) {
         fmt::format("{}: the robot stands still: no joint moves, and friction at rest does not follow from the motion",
                     joined(a.data)));
   j["worst_relative_to_range"] = worst;
-  const std::vector<std::string> warnings = warnings_of(a, robot, file, judgement);
+  std::vector<std::string> warnings = warnings_of(a, robot, file, judgement);
+  std::ranges::move(late_torques(robot.regressor, a.data, lag_of_files(robot.regressor, motion, predicted), motion),
+                    std::back_inserter(warnings));
   j["warnings"] = warnings;
   if (a.output.named())
     if (auto ok = deliver(csv_of(robot, motion, predicted), a.output); !ok) return ok;

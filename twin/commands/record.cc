@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/plugins/drive/configuration.hpp>
+#include <tribotwin/twin/commands/joint_source.hpp>
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/gears/drive_elements.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
@@ -15,6 +16,7 @@
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
+#include <tribotwin/twin/portable/c_source.hpp>
 #include <tribotwin/twin/robot/native_model.hpp>
 
 namespace tribotwin::twin::program {
@@ -194,19 +196,19 @@ Result<Exit> export_elements(const std::string& file, const std::string& name, c
     if (!spring) return work_failed(fmt::format("{}: {}", file, spring.error().message));
     return deliver(spring_elements(name, *spring), output);
   }
-  auto parameters = or_wrong_input(identification::read_parameters(file));
-  if (torque_max_nm > 0) parameters.torque_max_nm = torque_max_nm;
-  if (gear_ratio > 0) parameters.gear_ratio = gear_ratio;
-  const auto drive = identification::drive_of(parameters, name);
-  if (!drive) throw InputError(fmt::format("{}: {}", file, drive.error().message));
-  // Parameters that a model would refuse are refused here, with the same reason.
-  if (const auto loaded = drive::make_drive(name, drive::configuration_of(*drive)); !loaded)
-    return work_failed(fmt::format("{}: {}", file, loaded.error().message));
-  return deliver(drive_elements(name, *drive), output);
+  return deliver(drive_elements(name, drive_of({file, "", torque_max_nm, gear_ratio}, name)), output);
+}
+
+/// The joint as a C file. Without --name its functions have the name of the model's joint.
+Result<Exit> export_c(const JointSource& source, const std::string& name, const Destination& output) {
+  const std::string prefix = name.empty() ? c_name(source.joint.empty() ? "joint" : source.joint) : name;
+  const auto text = c_source(drive_of(source, prefix), prefix);
+  if (!text) throw InputError(fmt::format("--name {}", text.error().message));
+  return deliver(*text, output);
 }
 
 struct ExportArguments {
-  std::string from, name = "joint", on_drive = "motor";
+  std::string from, name = "joint", on_drive = "motor", joint, c_file;
   Destination output;
   double torque_max_nm = 0, gear_ratio = 0, torque_noise_share = 0;
   Sensors sensors{.sampling_hz = 0};
@@ -234,7 +236,7 @@ void add_sensors(CLI::App& command, CLI::Option* recording, ExportArguments& a) 
   command.add_option("--seed", a.seed, "Seed of the noise")->needs(recording);
 }
 
-void add_mcap(CLI::App& command, std::initializer_list<CLI::Option*> others, ExportArguments& a) {
+CLI::Option* add_mcap(CLI::App& command, std::initializer_list<CLI::Option*> others, ExportArguments& a) {
   auto* mcap = command.add_flag("--mcap", a.mcap, "telemetry.mcap for ROS 2, Foxglove and Lichtblick");
   for (auto* other : others) mcap->excludes(other);
   command
@@ -244,6 +246,18 @@ void add_mcap(CLI::App& command, std::initializer_list<CLI::Option*> others, Exp
       ->check(CLI::IsMember({"ros2", "json"}))
       ->capture_default_str()
       ->needs(mcap);
+  return mcap;
+}
+
+/// One joint for other tools.
+CLI::Option* add_c(CLI::App& command, std::initializer_list<CLI::Option*> others, ExportArguments& a) {
+  auto* c =
+      command.add_option("--c", a.c_file,
+                         "C99 file to write: the joint of PARAMS.yaml or MODEL.xml for controllers, with a test of "
+                         "itself (law, heat, bristles, faults)");
+  for (auto* other : others) c->excludes(other);
+  command.add_option("--joint", a.joint, "Joint of MODEL.xml for --c, where it has several")->needs(c);
+  return c;
 }
 
 }  // namespace
@@ -263,8 +277,8 @@ void add_export(CLI::App& app, int& code) {
   auto a = std::make_shared<ExportArguments>();
   auto* command = app.add_subcommand("export",
                                      "Export the record of a run as CSV, complete or as a controller records it, or as "
-                                     "MCAP, parameters as a MuJoCo element, or a "
-                                     "model without plugins");
+                                     "MCAP, parameters as a MuJoCo element, a model "
+                                     "without plugins, or one joint as C");
   command->add_option("FROM", a->from, "Folder of a run, PARAMS.yaml, or MODEL.xml")->required();
   auto* csv = command->add_flag("--csv", a->csv,
                                 "The samples as telemetry.csv and, where there are work cycles, these as cycles.csv");
@@ -284,7 +298,8 @@ void add_export(CLI::App& app, int& code) {
                      ->excludes(csv)
                      ->excludes(mjcf)
                      ->excludes(recording);
-  add_mcap(*command, {csv, mjcf, recording, native}, *a);
+  auto* mcap = add_mcap(*command, {csv, mjcf, recording, native}, *a);
+  auto* c = add_c(*command, {csv, mjcf, recording, native, mcap}, *a);
   command
       ->add_option("--temperature", a->temperature_degC,
                    "Temperature of that friction [degC] (default: T_amb, within the range of the law)")
@@ -296,7 +311,11 @@ void add_export(CLI::App& app, int& code) {
       ->check(CLI::Range(1e-9, 1e6))
       ->needs(native);
   add_sensors(*command, recording, *a);
-  command->add_option("--name", a->name, "Name of the joint, instance and actuator")->capture_default_str();
+  auto* name = command
+                   ->add_option("--name", a->name,
+                                "Name of the joint, instance and actuator; with --c what all names in the file begin "
+                                "with (default there: the joint of the model)")
+                   ->capture_default_str();
   command
       ->add_option("--drive", a->on_drive,
                    "For bouc_wen: the tribotwin.drive instance that supplies its temperature and receives its heat")
@@ -305,28 +324,36 @@ void add_export(CLI::App& app, int& code) {
       ->check(CLI::Range(1e-9, 1e9));
   command->add_option("--gear-ratio", a->gear_ratio, "Motor turns per joint turn, where the file holds none")
       ->check(CLI::Range(1e-6, 1e6));
-  a->output.add_to(*command,
-                   "File for the elements or the recording (default: stdout), the .csv of --csv or the .mcap of --mcap "
-                   "(default: beside the record)");
+  a->output
+      .add_to(*command,
+              "File for the elements or the recording (default: stdout), the .csv of --csv or the .mcap of --mcap "
+              "(default: beside the record)")
+      ->excludes(c);
   a->output.add_json_to(*command);
   command->footer(
       "Example:\n  tribotwin run irb6620_hold -o runs/hold\n  tribotwin export runs/hold --csv\n  tribotwin export "
       "runs/hold --mcap\n  tribotwin lab "
       "rh380n_friction -o lab/rh380n\n  tribotwin identify --law stribeck_T lab/rh380n/curves/00[89].csv "
-      "lab/rh380n/curves/01?.csv -o params.yaml\n  tribotwin export params.yaml --mjcf --tau-max 20 --gear-ratio 1");
-  command->callback([a, &code] {
-    if (a->csv + a->mjcf + a->recording + a->native + a->mcap != 1)
+      "lab/rh380n/curves/01?.csv -o params.yaml\n  tribotwin export params.yaml --mjcf --tau-max 20 --gear-ratio 1\n  "
+      "tribotwin export "
+      "mjcf/irb6620.xml --joint joint2 --c joint2.c");
+  command->callback([a, name, &code] {
+    if (a->csv + a->mjcf + a->recording + a->native + a->mcap + !a->c_file.empty() != 1)
       throw InputError(
-          "export needs --csv, --mcap or --recording (of a run), --mjcf (of PARAMS.yaml) or --native (of MODEL.xml)");
+          "export needs --csv, --mcap or --recording (of a run), --mjcf (of PARAMS.yaml), --native (of MODEL.xml) or "
+          "--c FILE (of either)");
+    if (!a->c_file.empty()) a->output.file = a->c_file;
     if (!(a->csv || a->mcap) || a->output.named())
       check(a->output, {a->from, std::filesystem::path(a->from) / "telemetry.h5"});
     const auto messages = a->messages == "json" ? McapMessages::json : McapMessages::ros2;
-    code = or_throw(a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
-                    : a->csv     ? export_record(a->from, a->output)
-                    : a->mcap    ? export_messages(a->from, a->output, messages)
-                    : a->native
-                        ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
-                        : export_elements(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
+    code = or_throw(
+        !a->c_file.empty()
+            ? export_c({a->from, a->joint, a->torque_max_nm, a->gear_ratio}, name->count() ? a->name : "", a->output)
+        : a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
+        : a->csv       ? export_record(a->from, a->output)
+        : a->mcap      ? export_messages(a->from, a->output, messages)
+        : a->native    ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
+                       : export_elements(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
   });
 }
 

@@ -1,14 +1,17 @@
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <ctime>
 #include <memory>
-#include <mutex>
+#include <new>
 #include <numeric>
 #include <optional>
+#include <span>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <sys/mman.h>
 
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/experiments/unfinished_runs.hpp>
@@ -196,6 +199,7 @@ struct Arguments {
   std::vector<std::string> settings;
   std::optional<std::int64_t> seed;
   unsigned threads = 0;
+  int retries = 1;
   bool realtime = false, quiet = false, list = false, json = false, force = false, strict = false;
   live::WebOptions web;
 };
@@ -222,22 +226,31 @@ void note_recording(const Arguments& a, const Scenario& scenario) {
 
 std::time_t wall_clock() { return std::time(nullptr); }
 
-/// The progress of several runs at once.
+/// The progress of several runs, each in a process of its own, on one line.
 class SharedProgress {
  public:
-  SharedProgress(bool quiet, std::size_t runs) : progress_(quiet), share_(runs) {}
-  void operator()(std::size_t run, double share) {
-    const std::lock_guard lock(mutex_);
-    share_[run] = share;
+  SharedProgress(bool quiet, std::size_t runs) : progress_(quiet) {
+    size_ = runs * sizeof(Share);
+    void* memory = ::mmap(nullptr, size_, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (memory == MAP_FAILED) throw std::bad_alloc();
+    share_ = {new (memory) Share[runs]{}, runs};
+  }
+  SharedProgress(const SharedProgress&) = delete;
+  ~SharedProgress() { ::munmap(share_.data(), size_); }
+  /// In any process.
+  void set(std::size_t run, double share) { share_[run] = share; }
+  void show() {
     const double whole = std::accumulate(share_.begin(), share_.end(), 0.0) / static_cast<double>(share_.size());
     const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - started_;
     progress_(whole, whole > 0 ? spent.count() * (1 / whole - 1) : -1);
   }
 
  private:
-  std::mutex mutex_;
+  using Share = std::atomic<double>;
+  static_assert(Share::is_always_lock_free, "several processes use it");
   Progress progress_;
-  std::vector<double> share_;
+  std::size_t size_ = 0;
+  std::span<Share> share_;
   const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
 };
 
@@ -268,40 +281,56 @@ Result<Outcome> run_all(const Arguments& a, const std::vector<Variation>& all, c
     return unfinished.resumed() ? "resumed" : "";
   });
   if (!resumed) return tl::unexpected(resumed.error());
-  const Existing existing = replace_if(a.force || !resumed->empty());
+  const bool leftovers = a.force || !resumed->empty();
+  std::vector<int> attempts(all.size());
+  constexpr std::string_view again = "again";
   const Tasks tasks{.count = all.size(),
                     .identity = identity,
-                    .work = [&](std::size_t i, const std::string&) -> Result<std::string> {
+                    .work = [&](std::size_t i, const std::string& attempt) -> Result<std::string> {
+                      if (attempt == again || !resumed->empty()) UnfinishedRuns::clear(output / all[i].folder);
                       const auto summary =
                           twin::run(scenarios[i], {.directory = output / all[i].folder,
-                                                   .existing = existing,
+                                                   .existing = replace_if(leftovers || attempt == again),
                                                    .realtime = a.realtime,
                                                    .stop = &interrupted(),
-                                                   .progress = [&](double share, double) { progress(i, share); },
+                                                   .progress = [&](double share, double) { progress.set(i, share); },
                                                    .now = wall_clock});
                       if (!summary) return tl::unexpected(summary.error());
                       if (summary->interrupted) return work_failed("interrupted");
                       return report_of({all[i].folder, all[i].settings, *summary}).dump();
                     },
+                    .own_processes = true,
                     .present = [&](std::size_t i) { return unfinished.find(all[i].folder); },
                     .keep = [&](std::size_t i, const std::string& report) -> Result<void> {
-                      progress(i, 1);
+                      progress.set(i, 1);
                       return unfinished.keep(all[i].folder, report);
-                    }};
-  // Not tried again: the folder of a failed run shows how far it came.
-  return carry_out(tasks, {.threads = a.realtime ? 1 : a.threads, .retries = 0, .stop = &interrupted()});
+                    },
+                    // Wrong input is not tried again: what the folder holds then is of an attempt before.
+                    .input = [&](std::size_t i) { return std::string(attempts[i]++ ? again : ""); },
+                    .meanwhile = [&] { progress.show(); }};
+  auto outcome =
+      carry_out(tasks, {.threads = a.realtime ? 1 : a.threads, .retries = a.retries, .stop = &interrupted()});
+  const auto written = ranks().on_root([&]() -> Result<void> {
+    if (!outcome) return {};
+    return write_failures(
+        output, outcome->failures, [&](std::size_t i) { return all[i].folder; },
+        [&](std::size_t i) { return joined(all[i].settings); });
+  });
+  if (!written) return work_failed(written.error().message);
+  return outcome;
 }
 
 /// Why not all have run.
 tl::unexpected<Error> not_all(const Outcome& outcome, const std::vector<Variation>& all) {
   const auto folder = [&](std::size_t i) { return all[i].folder; };
+  const auto complete =
+      fmt::format("{} of {} runs are complete, and the same command goes on",
+                  std::ranges::count_if(outcome.results, [](const auto& r) { return !r.empty(); }), all.size());
   if (!outcome.failures.empty())
-    return tl::unexpected(Error(text_of(outcome.failures, folder), outcome.failures.front().error.kind));
+    return tl::unexpected(
+        Error(fmt::format("{}; {}", text_of(outcome.failures, folder), complete), outcome.failures.front().error.kind));
   const auto first = std::ranges::find(outcome.results, "") - outcome.results.begin();
-  return work_failed(fmt::format("{}: interrupted; {} of {} runs are complete, and the same command goes on",
-                                 folder(static_cast<std::size_t>(first)),
-                                 std::ranges::count_if(outcome.results, [](const auto& r) { return !r.empty(); }),
-                                 all.size()));
+  return work_failed(fmt::format("{}: interrupted; {}", folder(static_cast<std::size_t>(first)), complete));
 }
 
 /// Runs all variations, each in a folder of its own, and one summary over them.
@@ -358,8 +387,8 @@ void refuse_model(const std::string& given) {
 /// One run, and its page if one is asked for.
 Summary simulate(const Arguments& a, const Scenario& scenario, const fs::path& output) {
   auto hello = live::hello_of(scenario, "run", TRIBOTWIN_VERSION);
-  hello.commands = live::TwinFeed::commands();
-  const auto server = a.web.start(std::move(hello));
+  live::TwinFeed::add_commands(hello);
+  const auto server = a.web.start(std::move(hello), output);
   std::optional<live::TwinFeed> feed;
   if (server) feed.emplace(*server, !output.empty());
   Progress progress(a.quiet);
@@ -425,6 +454,8 @@ void add_run(CLI::App& app, int& code) {
   a->web.add_to(*run);
   run->add_option("--threads", a->threads, "Runs of 'vary' at once (default: one per core; under mpirun, per rank: 1)")
       ->check(CLI::Range(1, 1024));
+  run->add_option("--retries", a->retries, "Further attempts of a run of 'vary' whose work failed (default: 1)")
+      ->check(CLI::Range(0, 100));
   run->add_flag("--quiet", a->quiet, "No progress, no summary");
   run->add_flag("--json", a->json, "Print summary.json instead of the table");
   run->add_flag("--list", a->list, "List the shipped scenarios");

@@ -94,8 +94,8 @@ Result<void> worked(const Sample& sample) {
 }
 
 Result<Exit> foretell(const Arguments& a, const sweep::Plan& plan) {
-  const unsigned several = static_cast<unsigned>(a.ranks.value_or(ranks().size()));
-  const unsigned threads = a.threads ? a.threads : several > 1 ? 1 : threads_of(0);
+  const int asked = static_cast<int>(a.ranks.value_or(ranks().size()));
+  const unsigned several = static_cast<unsigned>(asked), threads = threads_of(a.threads, asked);
   const Sample sample = sample_of(plan);
   const double all_s = sweep::predicted_s(plan.runs, sample.one_s, several * threads);
   if (a.json)

@@ -81,23 +81,6 @@ auto reporter(const LabOptions& options) {
   };
 }
 
-/// DIR/failures.csv: the parts that could not be made; absent where all could.
-Status write_failures(const std::vector<TaskFailure>& failures, const ResumableJobs& parts, const fs::path& directory) {
-  const fs::path file = directory / "failures.csv";
-  if (failures.empty()) {
-    std::error_code ignored;
-    fs::remove(file, ignored);
-    return {};
-  }
-  std::string text = "part,attempts,message\n";
-  for (const TaskFailure& f : failures) {
-    std::string message = f.error.message;
-    for (std::size_t at = 0; (at = message.find('"', at)) != std::string::npos; at += 2) message.insert(at, 1, '"');
-    text += fmt::format("{}/{},{},\"{}\"\n", parts.folder, parts.files[f.task], f.attempts, message);
-  }
-  return write_file(file, text, Existing::replace);
-}
-
 /// The error of a campaign that is not complete.
 tl::unexpected<Error> incomplete(const Outcome& outcome, const ResumableJobs& parts, const LabOptions& options) {
   const std::size_t all = parts.files.size();
@@ -141,7 +124,9 @@ Result<Completed> complete(const std::string& resolved_yaml, const ResumableJobs
   if (!outcome) return work_failed(outcome.error().message);
   const auto finished = ranks().on_root([&]() -> Status {
     if (auto ok = store->finish(); !ok) return work_failed(ok.error().message);
-    if (auto ok = write_failures(outcome->failures, parts, options.directory); !ok)
+    const auto name = [&](std::size_t i) { return parts.folder + "/" + parts.files[i]; };
+    const auto input = [](std::size_t i) { return fmt::format("part {} of campaign.yaml", i); };
+    if (auto ok = write_failures(options.directory, outcome->failures, name, input); !ok)
       return work_failed(ok.error().message);
     return {};
   });

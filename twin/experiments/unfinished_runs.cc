@@ -90,6 +90,16 @@ std::optional<std::string> UnfinishedRuns::find(const std::string& run) const {
   return whole ? store_->find(run) : std::nullopt;
 }
 
+void UnfinishedRuns::clear(const fs::path& folder) {
+  std::error_code error;
+  std::vector<fs::path> unfinished;
+  for (const auto& entry : fs::directory_iterator(folder, error))
+    for (const char* name : files_of_a_run)
+      if (entry.path().filename().string().starts_with(fmt::format(".{}.partial-", name)))
+        unfinished.push_back(entry.path());
+  for (const fs::path& file : unfinished) fs::remove(file, error);
+}
+
 Result<void> UnfinishedRuns::keep(const std::string& run, const std::string& report) {
   return store_->keep(run, report);
 }

@@ -34,6 +34,8 @@ class UnfinishedRuns {
   bool resumed() const { return resumed_; }
   /// The report of a run whose record, summary and scenario are still there.
   std::optional<std::string> find(const std::string& run) const;
+  /// Before another attempt at a run in its folder: removes the unfinished files of one that was killed.
+  static void clear(const std::filesystem::path& folder);
   /// Call it when its run is complete.
   Result<void> keep(const std::string& run, const std::string& report);
   /// Call it when no further report comes.

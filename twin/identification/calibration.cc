@@ -1,9 +1,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -21,26 +24,12 @@ namespace {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
-Minimum descend(const Posterior& posterior, int start, const SearchOptions& options, Counter& counter,
-                double simulations_each, unsigned threads) {
-  const Index n = posterior.size();
-  const auto objective = [&](const VectorXd& z) { return posterior(z); };
-  Gaussian gaussian(options.seed * 1000003 + static_cast<std::uint64_t>(start));
-  const VectorXd mean = start == 0 ? VectorXd(VectorXd::Zero(n)) : VectorXd(0.5 * gaussian(n));
-  const auto slope = [&](const VectorXd& z, double step) { return posterior.quadratic(z, step); };
-  VectorXd low(n), high(n);
-  for (Index i = 0; i < n; ++i) low(i) = posterior.low(i), high(i) = posterior.high(i);
-  const Minimum best =
-      method_of(options) == SearchMethod::gauss_newton
-          ? gauss_newton(objective, slope, mean, low, high, {.evaluations = options.evaluations})
-          : cma_es(objective, mean, {.evaluations = options.evaluations, .threads = threads}, gaussian);
-  if (n > 0) counter.add((options.evaluations - best.evaluations) * simulations_each);
-  return best;
-}
+/// Distance of the points whose residuals give sigmas, in units of z.
+constexpr double sigma_step = 0.1;
 
-/// Sigmas and correlations at the minimum.
-void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std::size_t>& free, SimulationFit& fit) {
-  constexpr double step = 0.1;
+/// Sigmas and correlations at the minimum. `at`: residuals of its neighbours.
+void judge(const Posterior& posterior, const VectorXd& z, const std::vector<Posterior::Simulated>& at,
+           const std::vector<std::size_t>& free, SimulationFit& fit) {
   std::vector<Index> inner;
   for (Index i = 0; i < posterior.size(); ++i) {
     if (z(i) > posterior.low(i) + 1e-6 && z(i) < posterior.high(i) - 1e-6)
@@ -48,46 +37,49 @@ void judge(const Posterior& posterior, const VectorXd& z, const std::vector<std:
     else
       fit.status[free[static_cast<std::size_t>(i)]] = ParameterStatus::at_bound;
   }
-  const MatrixXd covariance = posterior.covariance(z, step, inner);
+  const MatrixXd covariance = posterior.covariance(z, sigma_step, at, inner);
   for (std::size_t k = 0; k < inner.size(); ++k) {
     const Quantity& q = posterior.quantity(inner[k]);
-    const std::size_t at = free[static_cast<std::size_t>(inner[k])];
+    const std::size_t of = free[static_cast<std::size_t>(inner[k])];
     const double deviation = std::sqrt(std::max(0.0, covariance(static_cast<Index>(k), static_cast<Index>(k))));
-    fit.status[at] = deviation > (q.sigma > 0 ? 0.8 : 2.4) ? ParameterStatus::prior : ParameterStatus::estimated;
-    fit.sigma[at] = deviation * q.scale() * (q.logarithmic ? fit.values[at] : 1);
+    fit.status[of] = deviation > (q.sigma > 0 ? 0.8 : 2.4) ? ParameterStatus::prior : ParameterStatus::estimated;
+    fit.sigma[of] = deviation * q.scale() * (q.logarithmic ? fit.values[of] : 1);
     for (std::size_t l = 0; l < inner.size(); ++l) {
       const auto a = static_cast<Index>(k), b = static_cast<Index>(l);
-      fit.correlation(static_cast<Index>(at), static_cast<Index>(free[static_cast<std::size_t>(inner[l])])) =
+      fit.correlation(static_cast<Index>(of), static_cast<Index>(free[static_cast<std::size_t>(inner[l])])) =
           covariance(a, b) / std::sqrt(covariance(a, a) * covariance(b, b));
     }
   }
 }
 
-/// A fit on its way between ranks.
-std::string pack(const SimulationFit& fit) {
-  const auto doubles = [](const std::vector<double>& all) { return std::span<const double>(all); };
-  BytesOut out;
-  out.put<std::uint64_t>(fit.variant).put<std::uint64_t>(fit.split).put<std::uint64_t>(fit.fold);
-  out.put(doubles(fit.values)).put(doubles(fit.sigma)).put(std::span<const ParameterStatus>(fit.status));
-  out.put(std::span<const double>(fit.correlation.data(), static_cast<std::size_t>(fit.correlation.size())));
-  out.put(doubles(fit.mae_mrad)).put(fit.objective).put(doubles(fit.minima)).put(fit.evaluations);
-  return out.take();
-}
+std::span<const double> span_of(const MatrixXd& m) { return {m.data(), static_cast<std::size_t>(m.size())}; }
 
-SimulationFit unpack(const std::string& bytes) {
-  BytesIn in(bytes);
-  SimulationFit fit;
-  fit.variant = in.get<std::uint64_t>(), fit.split = in.get<std::uint64_t>(), fit.fold = in.get<std::uint64_t>();
-  fit.values = in.numbers<double>(), fit.sigma = in.numbers<double>(), fit.status = in.numbers<ParameterStatus>();
-  const auto correlation = in.numbers<double>();
-  const auto n = std::ssize(fit.values);
-  fit.correlation = MatrixXd::Map(correlation.data(), n, n);
-  fit.mae_mrad = in.numbers<double>(), fit.objective = in.get<double>();
-  fit.minima = in.numbers<double>(), fit.evaluations = in.get<int>();
-  return fit;
-}
+/// A point of a fit that is to be simulated, and by which recordings.
+struct Simulation {
+  /// errors, residuals: of the posterior, by its training recordings; fit: the error of all recordings of the plan.
+  enum class Wanted : std::uint8_t { errors, residuals, fit };
+  std::size_t job = 0;
+  Wanted wanted{};
+  std::size_t first = 0, last = 0;
+  VectorXd z{};
 
-/// The fits of a plan that are missing, as tasks of the executor.
+  std::string bytes() const {
+    BytesOut out;
+    out.put<std::uint64_t>(job).put(wanted).put<std::uint64_t>(first).put<std::uint64_t>(last).put(span_of(z));
+    return out.take();
+  }
+  static Simulation from(const std::string& bytes) {
+    BytesIn in(bytes);
+    Simulation s{.job = in.get<std::uint64_t>()};
+    s.wanted = in.get<Wanted>(), s.first = in.get<std::uint64_t>(), s.last = in.get<std::uint64_t>();
+    const auto z = in.numbers<double>();
+    s.z = VectorXd::Map(z.data(), std::ssize(z));
+    return s;
+  }
+};
+
+/// The fits of a plan that are missing. Rank 0 has all searches, and those of them that are under way ask for points;
+/// the executor simulates these in processes of all ranks.
 class Calibration {
  public:
   static Result<void> run(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch) {
@@ -101,10 +93,30 @@ class Calibration {
   }
 
  private:
+  using Wanted = Simulation::Wanted;
   struct Job {
     SimulationFit fit;
-    std::vector<std::size_t> training;
     bool open = true;  ///< not done by an earlier run
+    Posterior posterior;
+    std::vector<Minimum> minima;  ///< per start
+    int searches = 0;             ///< that are over
+  };
+  struct Point {
+    Wanted wanted{};
+    VectorXd z;
+    std::vector<std::string> parts;  ///< what was simulated
+  };
+  /// What one search, or after the last one the end of its fit, waits for.
+  struct Inquirer {
+    std::size_t job = 0, start = 0;
+    std::unique_ptr<Gaussian> gaussian;
+    std::optional<Search> search;
+    std::vector<Point> points;
+    std::size_t missing = 0;  ///< parts of points
+  };
+  struct Task {
+    Inquirer* of;
+    std::size_t point, part, first, last;
   };
 
   Calibration(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch,
@@ -112,155 +124,300 @@ class Calibration {
       : plan_(plan),
         watch_(watch),
         twins_(std::move(twins)),
-        jobs_(jobs_of(plan, have)),
-        counter_(watch, simulations()) {}
-
-  static std::vector<Job> jobs_of(const Plan& plan, const std::vector<SimulationFit>& have) {
-    std::vector<Job> jobs;
-    const auto add = [&](std::size_t variant, std::size_t split, std::size_t fold,
-                         const std::vector<std::size_t>& held_out) {
-      Job& job = jobs.emplace_back();
-      job.open = std::ranges::none_of(
-          have, [&](const SimulationFit& f) { return f.variant == variant && f.split == split && f.fold == fold; });
-      job.fit.variant = variant, job.fit.split = split, job.fit.fold = fold;
-      for (std::size_t i = 0; i < plan.recordings.size(); ++i)
-        if (std::ranges::find(held_out, i) == held_out.end()) job.training.push_back(i);
-    };
+        workers_(std::max(1u, watch.threads) * static_cast<unsigned>(ranks().size())) {
     for (std::size_t v = 0; v < plan.variants.size(); ++v) {
-      add(v, SimulationFit::all, 0, {});
+      add_job(have, v, SimulationFit::all, 0, {});
       for (std::size_t s = 0; s < plan.splits.size(); ++s)
-        for (std::size_t f = 0; f < plan.splits[s].folds.size(); ++f) add(v, s, f, plan.splits[s].folds[f].held_out);
+        for (std::size_t f = 0; f < plan.splits[s].folds.size(); ++f)
+          add_job(have, v, s, f, plan.splits[s].folds[f].held_out);
     }
-    return jobs;
   }
 
-  /// For the progress line.
-  double simulations() const {
-    double total = 0;
-    for (const Job& job : jobs_) {
-      if (!job.open) continue;
-      total += static_cast<double>(job.training.size()) * plan_.search.evaluations * plan_.search.starts;
-      if (job.fit.split == SimulationFit::all)
-        total += static_cast<double>(job.training.size() * (2 * twins_[job.fit.variant].free_quantities().size() + 1));
-    }
-    return total;
+  void add_job(const std::vector<SimulationFit>& have, std::size_t variant, std::size_t split, std::size_t fold,
+               const std::vector<std::size_t>& held_out) {
+    std::vector<std::size_t> training;
+    for (std::size_t i = 0; i < plan_.recordings.size(); ++i)
+      if (std::ranges::find(held_out, i) == held_out.end()) training.push_back(i);
+    const auto same = [&](const SimulationFit& f) {
+      return f.variant == variant && f.split == split && f.fold == fold;
+    };
+    const double count = static_cast<double>(training.size());
+    Job& job = jobs_.emplace_back(Job{.fit = {},
+                                      .open = std::ranges::none_of(have, same),
+                                      .posterior = {twins_[variant], plan_.recordings, training, plan_.search},
+                                      .minima = std::vector<Minimum>(starts())});
+    job.fit.variant = variant, job.fit.split = split, job.fit.fold = fold;
+    if (!job.open) return;
+    simulations_ += count * plan_.search.evaluations * plan_.search.starts;
+    if (split == SimulationFit::all) simulations_ += count * static_cast<double>(2 * job.posterior.size() + 1);
   }
 
-  /// Tasks: the starts of every job, then the end of every job, which needs its starts.
   std::size_t starts() const { return static_cast<std::size_t>(plan_.search.starts); }
-  std::size_t first_end() const { return jobs_.size() * starts(); }
-  std::size_t job_of(std::size_t task) const { return task < first_end() ? task / starts() : task - first_end(); }
 
   Result<void> run() {
-    const auto failed_job = [this](std::size_t task) { return label_of(jobs_[job_of(task)]); };
-    const Tasks tasks{
-        .count = first_end() + jobs_.size(),
-        .identity = watch_.identity,
-        .work = [this](std::size_t task,
-                       const std::string& minima) { return task < first_end() ? start(task) : end(task, minima); },
-        .present =
-            [this](std::size_t task) { return jobs_[job_of(task)].open ? std::nullopt : std::optional(std::string()); },
-        .keep = [this](std::size_t task, const std::string& bytes) -> Result<void> {
-          if (task >= first_end() && watch_.done) watch_.done(unpack(bytes));
-          return {};
-        },
-        .after =
-            [this](std::size_t task) {
-              std::vector<std::size_t> before(task < first_end() ? 0 : starts());
-              std::ranges::generate(before, [i = job_of(task) * starts()]() mutable { return i++; });
-              return before;
-            },
-        .input =
-            [this](std::size_t task, const std::vector<std::string>& results) {
-              std::string minima;
-              for (std::size_t s = 0; s < starts() && task >= first_end(); ++s)
-                minima += results[job_of(task) * starts() + s];
-              return minima;
-            },
-        .progress =
-            [this](std::size_t over, std::size_t of) {
-              // Simulations of other ranks are not counted here.
-              if (watch_.progress && ranks().several())
-                watch_.progress(static_cast<double>(over) / static_cast<double>(of));
-            }};
-    // A failed fit would fail again: it is a function of plan and seed.
-    const auto outcome = carry_out(tasks, {.threads = watch_.threads, .retries = 0, .stop = watch_.stop});
+    const Tasks tasks{.identity = watch_.identity,
+                      .work = [this](std::size_t, const std::string& input) { return simulated(input); },
+                      .own_processes = true,
+                      .keep = [this](std::size_t task, const std::string& result) -> Result<void> {
+                        over(task, result);
+                        return {};
+                      },
+                      .failed = [this](const TaskFailure& failure) { lost(failure); },
+                      .input = [this](std::size_t task) { return simulation_of(tasks_[task]).bytes(); },
+                      .grown = [this] { return grown(); }};
+    const auto outcome = carry_out(tasks, {.threads = watch_.threads, .retries = watch_.retries, .stop = watch_.stop});
     if (!outcome) return tl::unexpected(outcome.error());
-    if (!outcome->failures.empty()) return work_failed(text_of(outcome->failures, failed_job));
-    return {};
+    return ranks().on_root([this]() -> Result<void> {
+      std::ranges::stable_sort(failures_, {}, &TaskFailure::task);
+      const auto name = [this](std::size_t job) { return label_of(jobs_[job].fit); };
+      const auto input = [this](std::size_t job) { return failed_with_[job]; };
+      if (!watch_.folder.empty())
+        if (auto ok = write_failures(watch_.folder, failures_, name, input); !ok) return ok;
+      if (failures_.empty()) return {};
+      return work_failed(text_of(failures_, name));
+    });
   }
 
-  std::string label_of(const Job& job) const {
-    return fmt::format("variant '{}'", plan_.variants[job.fit.variant].label);
+  std::string label_of(const SimulationFit& fit) const {
+    std::string label = fmt::format("variant '{}'", plan_.variants[fit.variant].label);
+    if (fit.split == SimulationFit::all) return label;
+    const Split& split = plan_.splits[fit.split];
+    return label + fmt::format(", {} '{}' held out", split.name, split.folds[fit.fold].label);
   }
 
-  /// Threads inside a task, where there are fewer tasks than threads.
-  unsigned each() const {
-    const auto open =
-        static_cast<unsigned>(std::ranges::count_if(jobs_, &Job::open)) * static_cast<unsigned>(plan_.search.starts);
-    return std::clamp(watch_.threads * static_cast<unsigned>(ranks().size()) / std::max(1u, open), 1u,
-                      std::max(1u, watch_.threads));
+  // ---- In the processes of all ranks.
+
+  /// The twin of a point; the points of a process often have the same.
+  const VariantTwins::Candidate* candidate(const Job& job, const VectorXd& z) {
+    auto values = job.posterior.values(z);
+    if (job.fit.variant == made_of_ && values == made_values_) return made_ ? &*made_ : nullptr;
+    made_of_ = job.fit.variant, made_values_ = values;
+    auto made = twins_[*made_of_].candidate(std::move(values));
+    made_ = made ? std::optional(*std::move(made)) : std::nullopt;
+    return made_ ? &*made_ : nullptr;
   }
 
-  Posterior posterior(const Job& job) {
-    return {twins_[job.fit.variant], plan_.recordings, job.training, plan_.search, counter_, each()};
-  }
-
-  Result<std::string> start(std::size_t task) {
-    const Job& job = jobs_[job_of(task)];
-    const Minimum m = descend(posterior(job), static_cast<int>(task % starts()), plan_.search, counter_,
-                              static_cast<double>(job.training.size()), each());
+  Result<std::string> simulated(const std::string& input) {
+    const Simulation s = Simulation::from(input);
+    const Job& job = jobs_[s.job];
+    const auto* twin = candidate(job, s.z);
+    if (s.wanted == Wanted::fit) return errors_of_all(job, twin, s);
+    const auto detail = s.wanted == Wanted::errors ? Posterior::Detail::errors : Posterior::Detail::residuals;
+    const auto made = twin ? job.posterior.simulated(*twin, detail, s.first, s.last) : std::nullopt;
     BytesOut out;
-    out.put(m.objective)
-        .put(m.evaluations)
-        .put(std::span<const double>(m.z.data(), static_cast<std::size_t>(m.z.size())));
+    out.put(made.has_value());
+    if (made)
+      for (const MatrixXd& one : *made)
+        out.put<std::uint64_t>(static_cast<std::uint64_t>(one.rows())).put(span_of(one));
     return out.take();
   }
 
-  Result<std::string> end(std::size_t task, const std::string& minima) {
-    const Job& job = jobs_[job_of(task)];
-    std::vector<Minimum> all(starts());
-    BytesIn in(minima);
-    for (Minimum& m : all) {
-      m.objective = in.get<double>();
-      m.evaluations = in.get<int>();
-      const auto z = in.numbers<double>();
-      m.z = VectorXd::Map(z.data(), std::ssize(z));
+  /// Why it cannot be simulated, or the mean absolute errors.
+  Result<std::string> errors_of_all(const Job& job, const VariantTwins::Candidate* twin, const Simulation& s) const {
+    const VariantTwins& twins = twins_[job.fit.variant];
+    std::string why = twin ? "" : twins.candidate(job.posterior.values(s.z)).error().message;
+    std::vector<double> mae;
+    for (std::size_t i = s.first; i < s.last && why.empty(); ++i) {
+      const Recording& recording = plan_.recordings[i];
+      const auto positions = twins.positions(*twin, recording);
+      if (positions)
+        mae.push_back(mae_mrad(recording, *positions));
+      else
+        why = fmt::format("{}: {}", recording.file.filename().string(), positions.error().message);
     }
-    SimulationFit fit = job.fit;
-    if (const auto ok = finish(posterior(job), all, fit); !ok) return tl::unexpected(ok.error());
-    return pack(fit);
+    return BytesOut().put(std::string_view(why)).put(std::span<const double>(mae)).take();
   }
 
-  Result<void> finish(const Posterior& posterior, const std::vector<Minimum>& minima, SimulationFit& fit) const {
-    const VariantTwins& twins = twins_[fit.variant];
-    const Minimum& best = *std::ranges::min_element(minima, {}, &Minimum::objective);
-    if (!std::isfinite(best.objective)) return work_failed("every twin tried was refused or diverged");
-    fit.values = posterior.values(best.z);
+  // ---- On rank 0.
+
+  /// The points that are under way keep all workers busy while results travel; more searches would need more memory.
+  std::size_t grown() {
+    for (; under_way_ < 8 * workers_ && next_ < jobs_.size() * starts(); ++next_)
+      if (const std::size_t job = next_ / starts(); jobs_[job].open) begin(job, next_ % starts());
+    return tasks_.size();
+  }
+
+  void begin(std::size_t job, std::size_t start) {
+    const Posterior& posterior = jobs_[job].posterior;
+    const Index n = posterior.size();
+    Inquirer& one = *inquirers_.emplace_back(std::make_unique<Inquirer>());
+    one.job = job, one.start = start;
+    one.gaussian = std::make_unique<Gaussian>(plan_.search.seed * 1000003 + start);
+    const VectorXd mean = start == 0 ? VectorXd(VectorXd::Zero(n)) : VectorXd(0.5 * (*one.gaussian)(n));
+    VectorXd low(n), high(n);
+    for (Index i = 0; i < n; ++i) low(i) = posterior.low(i), high(i) = posterior.high(i);
+    const int evaluations = plan_.search.evaluations;
+    one.search = method_of(plan_.search) == SearchMethod::gauss_newton
+                     ? gauss_newton(mean, low, high, {.evaluations = evaluations})
+                     : cma_es(mean, {.evaluations = evaluations}, *one.gaussian);
+    ask(one);
+  }
+
+  void ask(Inquirer& one) {
+    const Trial& trial = one.search->question();
+    const bool slope = trial.step > 0;
+    const auto points = slope ? jobs_[one.job].posterior.neighbours(trial.points[0], trial.step, false) : trial.points;
+    one.points.clear();
+    for (const VectorXd& z : points) one.points.push_back({slope ? Wanted::residuals : Wanted::errors, z, {}});
+    hand_in(one);
+  }
+
+  /// Makes tasks of the points. The last searches have fewer points than there are workers, which then share the
+  /// recordings of a point.
+  void hand_in(Inquirer& one) {
+    const bool last_ones = next_ + 1 >= jobs_.size() * starts();
+    const std::size_t points = under_way_ + one.points.size(), share = last_ones ? workers_ / points : 1;
+    one.missing = 0;
+    for (std::size_t p = 0; p < one.points.size(); ++p) {
+      Point& point = one.points[p];
+      const std::size_t all = recordings_of(one.job, point.wanted);
+      const std::size_t parts = point.wanted == Wanted::fit ? 1 : std::clamp<std::size_t>(share, 1, all);
+      point.parts.resize(parts);
+      for (std::size_t k = 0; k < parts; ++k) tasks_.push_back({&one, p, k, k * all / parts, (k + 1) * all / parts});
+      one.missing += parts;
+    }
+    under_way_ += one.missing;
+  }
+
+  std::size_t recordings_of(std::size_t job, Wanted wanted) const {
+    return wanted == Wanted::fit ? plan_.recordings.size() : jobs_[job].posterior.recordings();
+  }
+
+  Simulation simulation_of(const Task& task) const {
+    const Point& point = task.of->points[task.point];
+    return {task.of->job, point.wanted, task.first, task.last, point.z};
+  }
+
+  void over(std::size_t number, const std::string& result) {
+    const Task& task = tasks_[number];
+    Inquirer& one = *task.of;
+    Point& point = one.points[task.point];
+    point.parts[task.part] = result;
+    --under_way_;
+    if (point.wanted != Wanted::fit) show(static_cast<double>(task.last - task.first));
+    if (--one.missing == 0 && jobs_[one.job].open) go_on(one);
+  }
+
+  void lost(const TaskFailure& failure) {
+    const Task task = tasks_[failure.task];
+    --under_way_, --task.of->missing;
+    fail(simulation_of(task), failure.error, failure.attempts);
+  }
+
+  /// Its fit cannot be made; the others go on.
+  void fail(const Simulation& with, const Error& error, int attempts) {
+    Job& job = jobs_[with.job];
+    if (!std::exchange(job.open, false)) return;
+    failures_.push_back({with.job, attempts, error});
+    std::string text;
+    const auto values = job.posterior.values(with.z);
+    const auto& quantities = plan_.variants[job.fit.variant].quantities;
+    for (const std::size_t i : twins_[job.fit.variant].free_quantities())
+      text += fmt::format("{}{}={:.17g}", text.empty() ? "" : ", ", quantities[i].path(), values[i]);
+    failed_with_[with.job] = text;
+  }
+
+  Posterior::Simulated all_parts(const Point& point) const {
+    std::vector<MatrixXd> all;
+    for (const std::string& part : point.parts) {
+      BytesIn in(part);
+      if (!in.get<bool>()) return std::nullopt;
+      while (!in.empty()) {
+        const auto rows = static_cast<Index>(in.get<std::uint64_t>());
+        const auto numbers = in.numbers<double>();
+        all.emplace_back(MatrixXd::Map(numbers.data(), rows, std::ssize(numbers) / std::max<Index>(rows, 1)));
+      }
+    }
+    return all;
+  }
+
+  /// All that it has asked for is there.
+  void go_on(Inquirer& one) {
+    if (!one.search) return finish(one);
+    Job& job = jobs_[one.job];
+    const Trial& trial = one.search->question();
+    std::vector<Posterior::Simulated> at;
+    for (const Point& point : one.points) at.push_back(all_parts(point));
+    Tried tried;
+    if (trial.step > 0)
+      tried.quadratic = job.posterior.quadratic(trial.points[0], trial.step, at);
+    else
+      for (std::size_t p = 0; p < at.size(); ++p)
+        tried.values.push_back(job.posterior.objective(trial.points[p], at[p]));
+    one.search->answer(std::move(tried));
+    if (!one.search->over()) return ask(one);
+    const Minimum& found = job.minima[one.start] = one.search->outcome();
+    one.search.reset();
+    if (job.posterior.size() > 0)
+      show((plan_.search.evaluations - found.evaluations) * static_cast<double>(job.posterior.recordings()));
+    one.points.clear();
+    if (++job.searches == plan_.search.starts) ask_for_end(one);
+  }
+
+  /// Errors of the best point by all recordings, and what its sigmas need.
+  void ask_for_end(Inquirer& one) {
+    const Job& job = jobs_[one.job];
+    const Minimum& best = best_of(job);
+    if (!std::isfinite(best.objective))
+      return fail({.job = one.job, .z = best.z}, Error("every twin tried was refused or diverged", ErrorKind::work), 1);
+    one.points.push_back({Wanted::fit, best.z, {}});
+    if (job.fit.split == SimulationFit::all)
+      for (const VectorXd& z : job.posterior.neighbours(best.z, sigma_step, true))
+        one.points.push_back({Wanted::residuals, z, {}});
+    hand_in(one);
+  }
+
+  static const Minimum& best_of(const Job& job) {
+    return *std::ranges::min_element(job.minima, {}, &Minimum::objective);
+  }
+
+  void finish(Inquirer& one) {
+    Job& job = jobs_[one.job];
+    const Minimum& best = best_of(job);
+    BytesIn in(one.points[0].parts[0]);
+    if (const std::string why = in.text(); !why.empty())
+      return fail({.job = one.job, .z = best.z}, Error(why, ErrorKind::work), 1);
+    SimulationFit& fit = job.fit;
+    fit.mae_mrad = in.numbers<double>();
+    fit.values = job.posterior.values(best.z);
     fit.objective = best.objective;
-    for (const Minimum& m : minima) fit.minima.push_back(m.objective), fit.evaluations += m.evaluations;
+    for (const Minimum& m : job.minima) fit.minima.push_back(m.objective), fit.evaluations += m.evaluations;
     fit.sigma.assign(fit.values.size(), unknown);
     fit.status.assign(fit.values.size(), ParameterStatus::known);
     fit.correlation = MatrixXd::Constant(std::ssize(fit.values), std::ssize(fit.values), unknown);
-    const auto free = twins.free_quantities();
+    const auto free = twins_[fit.variant].free_quantities();
     for (const std::size_t i : free) fit.status[i] = ParameterStatus::estimated;
-    const auto candidate = twins.candidate(fit.values);
-    if (!candidate) return tl::unexpected(candidate.error());
-    for (const auto& recording : plan_.recordings) {
-      const auto positions = twins.positions(*candidate, recording);
-      if (!positions)
-        return work_failed(fmt::format("{}: {}", recording.file.filename().string(), positions.error().message));
-      fit.mae_mrad.push_back(mae_mrad(recording, *positions));
+    if (fit.split == SimulationFit::all) {
+      std::vector<Posterior::Simulated> at;
+      for (std::size_t p = 1; p < one.points.size(); ++p) at.push_back(all_parts(one.points[p]));
+      judge(job.posterior, best.z, at, free, fit);
     }
-    if (fit.split == SimulationFit::all) judge(posterior, best.z, free, fit);
-    return {};
+    one.points.clear();
+    if (watch_.done) watch_.done(fit);
+  }
+
+  /// Of the progress line.
+  void show(double simulations) {
+    simulated_ += simulations;
+    if (watch_.progress) watch_.progress(std::min(1.0, simulated_ / simulations_));
   }
 
   const Plan& plan_;
   const Watch& watch_;
   const std::vector<VariantTwins> twins_;
   std::vector<Job> jobs_;
-  Counter counter_;
+  const std::size_t workers_;
+  std::vector<std::unique_ptr<Inquirer>> inquirers_;
+  std::vector<Task> tasks_;
+  std::size_t next_ = 0;                            ///< search that has not begun
+  std::size_t under_way_ = 0;                       ///< tasks that are not over
+  std::vector<TaskFailure> failures_;               ///< of jobs
+  std::map<std::size_t, std::string> failed_with_;  ///< values of the quantities
+  double simulations_ = 0, simulated_ = 0;
+  // Of a process of tasks.
+  std::optional<std::size_t> made_of_;  ///< variant
+  std::vector<double> made_values_;
+  std::optional<VariantTwins::Candidate> made_;
 };
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <string>
 #include <string_view>
@@ -87,16 +88,19 @@ struct SimulationFit {
 };
 
 struct Watch {
-  unsigned threads = 1;  ///< per rank
-  std::string identity;  ///< of the plan: MPI ranks whose identity differs take no part
+  unsigned threads = 1;            ///< per rank; processes that simulate
+  int retries = 1;                 ///< further attempts of a simulation whose process ended
+  std::filesystem::path folder{};  ///< where failures.csv lists the fits that failed; empty: nowhere
+  std::string identity;            ///< of the plan: MPI ranks whose identity differs take no part
   const std::atomic<bool>* stop = nullptr;
   std::function<void(double share)> progress;      ///< one call at a time
   std::function<void(const SimulationFit&)> done;  ///< on rank 0, one call at a time, in any order
 };
 
 /// Fits every variant on all recordings and, for every fold, on those that are not held out; fits in `have` are
-/// skipped; `have` of rank 0 counts. Fits and starts are distributed over threads and MPI ranks; the results do not
-/// depend on their number. Collective. ErrorKind::work when a variant is refused or an identified twin diverges; the
+/// skipped; `have` of rank 0 counts. All points that the searches ask for are distributed over processes of all MPI
+/// ranks, and their recordings where there are fewer points than processes; the results do not depend on their number.
+/// Collective. ErrorKind::work when a variant is refused, an identified twin diverges or a simulation crashes; the
 /// other fits are made all the same. After a stop the finished fits have been passed to `done`; that is no failure.
 Result<void> calibrate(const Plan& plan, const std::vector<SimulationFit>& have, const Watch& watch);
 

@@ -26,24 +26,25 @@ VectorXd step_of(const Quadratic& q, double damping, const VectorXd& z, const Ve
 
 }  // namespace
 
-Minimum gauss_newton(const std::function<double(const VectorXd&)>& objective,
-                     const std::function<Quadratic(const VectorXd&, double)>& quadratic, const VectorXd& start,
-                     const VectorXd& low, const VectorXd& high, const GaussNewtonOptions& options) {
-  Minimum best{start.cwiseMax(low).cwiseMin(high), 0, 1};
-  best.objective = objective(best.z);
+Search gauss_newton(VectorXd start, VectorXd low, VectorXd high, GaussNewtonOptions options) {
+  Trial trial{{start.cwiseMax(low).cwiseMin(high)}};
+  const Tried first = co_await trial;
+  Minimum best{trial.points[0], first.values[0], 1};
   const int slope_cost = static_cast<int>(start.size()) + 1;
   double damping = 1, step = options.first_step;
   while (start.size() > 0 && std::isfinite(best.objective) && step >= options.last_step &&
          best.evaluations + slope_cost < options.evaluations) {
-    const Quadratic q = quadratic(best.z, step);
+    trial = {{best.z}, step};
+    const Tried around = co_await trial;
     best.evaluations += slope_cost;
     const double before = best.objective;
     for (int k = 0; k < dampings && best.evaluations < options.evaluations; ++k) {
-      const VectorXd z = (best.z + step_of(q, damping, best.z, low, high)).cwiseMax(low).cwiseMin(high);
-      const double tried = objective(z);
+      const VectorXd z = (best.z + step_of(around.quadratic, damping, best.z, low, high)).cwiseMax(low).cwiseMin(high);
+      trial = {{z}};
+      const Tried tried = co_await trial;
       ++best.evaluations;
-      if (tried < best.objective) {
-        best.z = z, best.objective = tried;
+      if (tried.values[0] < best.objective) {
+        best.z = z, best.objective = tried.values[0];
         damping = std::max(1e-4, damping / 5);
         break;
       }
@@ -51,7 +52,7 @@ Minimum gauss_newton(const std::function<double(const VectorXd&)>& objective,
     }
     if (before - best.objective < options.tolerance) step /= 2, damping = std::min(damping, 1.0);
   }
-  return best;
+  co_return best;
 }
 
 }  // namespace tribotwin::twin

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
-#include <mutex>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -12,49 +12,30 @@
 
 #include <tribotwin/twin/identification/calibration.hpp>
 #include <tribotwin/twin/identification/gauss_newton.hpp>
-#include <tribotwin/twin/numerics/executor/ranks.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
-#include <tribotwin/twin/numerics/parallel.hpp>
 
 /// Internal to this folder, not installed.
 namespace tribotwin::twin::identification {
 
 inline constexpr double impossible = std::numeric_limits<double>::infinity();
 
-/// Thrown when the user wants to stop.
-struct Interrupted {};
-
-/// Counts simulations for the progress line.
-class Counter {
- public:
-  Counter(const Watch& watch, double total) : watch_(watch), total_(total) {}
-  /// Throws Interrupted.
-  void add(double simulations) {
-    if (watch_.stop && *watch_.stop) throw Interrupted{};
-    if (!watch_.progress || ranks().several()) return;
-    const std::lock_guard lock(mutex_);
-    done_ += simulations;
-    watch_.progress(std::min(1.0, done_ / total_));
-  }
-
- private:
-  const Watch& watch_;
-  double total_, done_ = 0;
-  std::mutex mutex_;
-};
-
 /// n sum ln(error) over the joints + 1/2 sum z^2 over the free quantities, after the training recordings; infinite
-/// where the twin is refused or diverges.
+/// where the twin is refused or diverges. Points are simulated by `simulated`, anywhere, some recordings at a time;
+/// the other functions put that together.
 class Posterior {
  public:
+  /// Of a point, per training recording; none where its twin is refused or diverges. Samples x drives: errors of
+  /// position [rad] over the square root of their number, so that every recording has the same weight; 0 where nothing
+  /// was measured. Or one row: the share of each joint's error, in which they are squared or absolute.
+  using Simulated = std::optional<std::vector<Eigen::MatrixXd>>;
+  enum class Detail : std::uint8_t { errors, residuals };
+
   Posterior(const VariantTwins& twins, const std::vector<Recording>& recordings, std::vector<std::size_t> training,
-            const SearchOptions& options, Counter& counter, unsigned threads)
+            const SearchOptions& options)
       : twins_(twins),
         recordings_(recordings),
         training_(std::move(training)),
         options_(options),
-        counter_(counter),
-        threads_(threads),
         free_(twins.free_quantities()) {
     for (const std::size_t i : training_) {
       independent_ += std::max(1.0, recordings_[i].duration_s() / options.correlation_s);
@@ -76,19 +57,49 @@ class Posterior {
     return all;
   }
 
-  double operator()(const Eigen::VectorXd& z) const {
-    counter_.add(static_cast<double>(training_.size()));
-    const auto r = residuals(z);
-    if (!r) return impossible;
+  std::size_t recordings() const { return training_.size(); }
+  const Recording& recording(std::size_t i) const { return recordings_[training_[i]]; }
+
+  /// The training recordings first <= i < last.
+  Simulated simulated(const VariantTwins::Candidate& candidate, Detail detail, std::size_t first,
+                      std::size_t last) const {
+    std::vector<Eigen::MatrixXd> all;
+    for (std::size_t i = first; i < last; ++i) {
+      const auto positions = twins_.positions(candidate, recording(i));
+      if (!positions) return std::nullopt;
+      Eigen::MatrixXd r = weighted(i, *positions);
+      all.push_back(detail == Detail::residuals ? std::move(r) : errors(r));
+    }
+    return all;
+  }
+
+  /// `of_z`: errors.
+  double objective(const Eigen::VectorXd& z, const Simulated& of_z) const {
+    if (!of_z) return impossible;
     double sum = prior(z);
-    for (Eigen::Index k = 0; k < joints(); ++k)
-      sum += independent_ * (options_.norm == Norm::squared ? 0.5 : 1.0) * std::log(std::max(error(*r, k), 1e-30));
+    for (Eigen::Index k = 0; k < joints(); ++k) {
+      double error = 0;
+      for (const Eigen::MatrixXd& one : *of_z) error += one(0, k);
+      sum += independent_ * (options_.norm == Norm::squared ? 0.5 : 1.0) * std::log(std::max(error, 1e-30));
+    }
     return sum;
   }
 
-  /// Of the squared norm, by forward differences.
-  Quadratic quadratic(const Eigen::VectorXd& z, double step) const {
-    const auto made = linearised(z, step, false);
+  /// The points whose residuals `quadratic` and `covariance` need: z, and beside it one or (central) two per direction.
+  std::vector<Eigen::VectorXd> neighbours(const Eigen::VectorXd& z, double step, bool central) const {
+    std::vector<Eigen::VectorXd> points{z};
+    for (Eigen::Index j = 0; j < size(); ++j)
+      for (const double sign : {1.0, -1.0}) {
+        if (sign < 0 && !central) continue;
+        points.push_back(z);
+        points.back()(j) += (z(j) + step > high(j) && !central ? -1 : 1) * sign * step;
+      }
+    return points;
+  }
+
+  /// Of the squared norm, by forward differences. `at`: residuals of the neighbours.
+  Quadratic quadratic(const Eigen::VectorXd& z, double step, const std::vector<Simulated>& at) const {
+    const auto made = linearised(neighbours(z, step, false), at, false);
     Quadratic q{Eigen::VectorXd::Zero(size()), Eigen::MatrixXd::Zero(size(), size())};
     for (const Block& block : made) q.gradient += block.gradient, q.curvature += block.curvature;
     for (Eigen::Index i = 0; i < size(); ++i)
@@ -98,11 +109,12 @@ class Posterior {
 
   /// Covariance of the quantities `inner` at the minimum z: a jackknife over blocks of time, all joints together, so
   /// that errors which last and trajectories that disagree are counted. Quantities without a prior have one of three
-  /// times their scale here: the bounds.
-  Eigen::MatrixXd covariance(const Eigen::VectorXd& z, double step, const std::vector<Eigen::Index>& inner) const {
+  /// times their scale here: the bounds. `at`: residuals of the neighbours, central.
+  Eigen::MatrixXd covariance(const Eigen::VectorXd& z, double step, const std::vector<Simulated>& at,
+                             const std::vector<Eigen::Index>& inner) const {
     const auto n = static_cast<Eigen::Index>(inner.size());
     if (n == 0) return Eigen::MatrixXd(0, 0);
-    const auto blocks = linearised(z, step, true);
+    const auto blocks = linearised(neighbours(z, step, true), at, true);
     Eigen::MatrixXd H = Eigen::MatrixXd::Zero(n, n), P = H;
     for (Eigen::Index a = 0; a < n; ++a) P(a, a) = quantity(inner[static_cast<std::size_t>(a)]).sigma > 0 ? 1 : 1.0 / 9;
     for (const Block& block : blocks) H += block.curvature(inner, inner);
@@ -123,26 +135,10 @@ class Posterior {
     Eigen::VectorXd gradient;
     Eigen::MatrixXd curvature;
   };
-  /// Per training recording samples x drives: errors of position [rad] over the square root of their number, so that
-  /// every recording has the same weight; 0 where nothing was measured.
-  using Residuals = std::vector<Eigen::MatrixXd>;
-
   Eigen::Index joints() const { return std::ssize(drives_[0]); }
 
-  std::optional<Residuals> residuals(const Eigen::VectorXd& z) const {
-    const auto candidate = twins_.candidate(values(z));
-    if (!candidate) return std::nullopt;
-    Residuals all;
-    for (std::size_t i = 0; i < training_.size(); ++i) {
-      const auto positions = twins_.positions(*candidate, recordings_[training_[i]]);
-      if (!positions) return std::nullopt;
-      all.push_back(weighted(i, *positions));
-    }
-    return all;
-  }
-
   Eigen::MatrixXd weighted(std::size_t training, const VariantTwins::Positions& positions) const {
-    const SetPoints& r = recordings_[training_[training]].points;
+    const SetPoints& r = recording(training).points;
     const auto samples = std::ssize(r.time_s);
     Eigen::MatrixXd errors = Eigen::MatrixXd::Zero(samples, joints());
     for (std::size_t k = 0; k < positions.size(); ++k) {
@@ -158,31 +154,21 @@ class Posterior {
     return errors;
   }
 
-  /// Of a joint: mean square [rad^2] or mean absolute [rad].
-  double error(const Residuals& r, Eigen::Index joint) const {
-    double sum = 0;
-    for (const Eigen::MatrixXd& one : r) {
-      const auto column = one.col(joint);
-      const double count = static_cast<double>((column.array() != 0).count()) * static_cast<double>(r.size());
-      sum += options_.norm == Norm::squared ? column.squaredNorm() : column.lpNorm<1>() / std::sqrt(count);
+  /// Per joint the share of this recording in the mean square [rad^2] or mean absolute [rad].
+  Eigen::MatrixXd errors(const Eigen::MatrixXd& residuals) const {
+    Eigen::MatrixXd share(1, joints());
+    for (Eigen::Index k = 0; k < joints(); ++k) {
+      const auto column = residuals.col(k);
+      const double count = static_cast<double>((column.array() != 0).count()) * static_cast<double>(training_.size());
+      share(0, k) = options_.norm == Norm::squared ? column.squaredNorm() : column.lpNorm<1>() / std::sqrt(count);
     }
-    return sum;
+    return share;
   }
 
   /// Blocks of at most correlation_s, at least 24 of them. Each direction that cannot be simulated counts as flat.
-  std::vector<Block> linearised(const Eigen::VectorXd& z, double step, bool central) const {
+  std::vector<Block> linearised(const std::vector<Eigen::VectorXd>& points, const std::vector<Simulated>& at,
+                                bool central) const {
     const auto n = static_cast<std::size_t>(size());
-    std::vector<Eigen::VectorXd> points{z};
-    for (Eigen::Index j = 0; j < size(); ++j)
-      for (const double sign : {1.0, -1.0}) {
-        points.push_back(z);
-        points.back()(j) += (z(j) + step > high(j) && !central ? -1 : 1) * sign * step;
-      }
-    std::vector<std::optional<Residuals>> at(points.size());
-    counter_.add(static_cast<double>((central ? 2 * n + 1 : n + 1) * training_.size()));
-    in_parallel(points.size(), threads_, [&](std::size_t i) {
-      if (central || i == 0 || i % 2 == 1) at[i] = residuals(points[i]);
-    });
     if (!at[0]) return {};
     Eigen::VectorXd weight(joints());
     for (Eigen::Index k = 0; k < joints(); ++k) {
@@ -194,13 +180,15 @@ class Posterior {
     for (std::size_t i = 0; i < training_.size(); ++i) {
       std::vector<Eigen::MatrixXd> J;  // per direction, samples x drives
       for (std::size_t j = 0; j < n; ++j) {
-        const auto &up = at[2 * j + 1], &down = central ? at[2 * j + 2] : at[0];
-        const double way = points[2 * j + 1](static_cast<Eigen::Index>(j)) - z(static_cast<Eigen::Index>(j));
+        const std::size_t beside = central ? 2 * j + 1 : j + 1;
+        const auto &up = at[beside], &down = central ? at[beside + 1] : at[0];
+        const auto direction = static_cast<Eigen::Index>(j);
+        const double way = points[beside](direction) - points[0](direction);
         Eigen::MatrixXd slope = Eigen::MatrixXd::Zero((*at[0])[i].rows(), joints());
         if (up && down) slope = ((*up)[i] - (*down)[i]) / (central ? 2 * way : way);
         J.push_back(std::move(slope));
       }
-      add_blocks(recordings_[training_[i]].points.time_s, (*at[0])[i], J, weight, blocks);
+      add_blocks(recording(i).points.time_s, (*at[0])[i], J, weight, blocks);
     }
     return blocks;
   }
@@ -240,8 +228,6 @@ class Posterior {
   const std::vector<Recording>& recordings_;
   const std::vector<std::size_t> training_;
   const SearchOptions& options_;
-  Counter& counter_;
-  const unsigned threads_;
   const std::vector<std::size_t> free_;
   std::vector<std::vector<std::size_t>> drives_;  ///< of the joints of each training recording
   double independent_ = 0;

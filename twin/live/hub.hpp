@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <tribotwin/twin/live/protocol/foxglove.hpp>
+#include <tribotwin/twin/live/row_files.hpp>
 #include <tribotwin/twin/live/server.hpp>
 
 namespace tribotwin::twin::live {
@@ -34,6 +35,7 @@ struct Hub {
   std::uint64_t viewers_so_far = 0;
   std::vector<std::shared_ptr<Viewer>> viewers;
   Queue<Command, 64> commands;
+  std::unique_ptr<RowFiles> files;  ///< nullptr: rows cannot be recorded
 };
 
 /// A connection counts as long as its place is kept.

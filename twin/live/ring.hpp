@@ -131,6 +131,8 @@ class Queue {
     places_.wrote();
     return true;
   }
+  /// Of the writer: whether the next one will have.
+  bool has_room() const { return places_.free().has_value(); }
   /// Of the reader: the oldest.
   std::optional<T> take() {
     const auto place = places_.filled();

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cassert>
 #include <csignal>
 #include <thread>
 #include <variant>
@@ -48,6 +49,23 @@ struct Server::Impl {
       : rows(hello.columns.size(), rows_on_the_way), poses(hello.bodies * pose_numbers) {
     hub.options = options;
     hub.hello = std::move(hello);
+    if (!options.folder.empty() && hub.hello.head && !options.readonly) make_files();
+  }
+
+  void make_files() {
+    for (const char* command : {"record", "export"}) hub.hello.commands.emplace_back(command);
+    hub.files = std::make_unique<RowFiles>(
+        RowFiles::Options{hub.options.folder, *hub.hello.head, hub.options.limits.memory_bytes},
+        RowFiles::Ways{[this](std::function<void()> call) { asio::post(io, std::move(call)); },
+                       [this](const Done& done) { pass_on(done); }, [this](const Event& event) { pass_on(event); }});
+  }
+
+  /// What is recorded or exported is written to its end; what came of it is told before the farewell.
+  bool files_are_closed() {
+    if (!hub.files || !hub.files->busy()) return true;
+    hub.files->end();
+    end_at = Clock::now() + hub.options.limits.farewell;
+    return false;
   }
 
   Result<void> open() {
@@ -96,6 +114,7 @@ struct Server::Impl {
     asio::post(io, [this] { end_at = Clock::now() + hub.options.limits.farewell; });
     thread.join();
     hub.viewers.clear();  // before the context of their sockets
+    hub.files.reset();
   }
 
   void accept() {
@@ -119,7 +138,7 @@ struct Server::Impl {
     timer.expires_after(std::chrono::nanoseconds(std::chrono::seconds(1)) / hub.options.limits.batches_per_s);
     timer.async_wait([this](error_code) {
       pass_on();
-      if (end_at && may_end()) return io.stop();
+      if (end_at && files_are_closed() && may_end()) return io.stop();
       tick();
     });
   }
@@ -149,15 +168,19 @@ struct Server::Impl {
 
   /// What the thread of the steps said, to all viewers.
   void pass_on() {
-    while (auto message = messages.take()) std::visit([this](const auto& what) { pass_on(what); }, *message);
+    while (auto message = messages.take()) std::visit([this](auto& what) { pass_on(what); }, *message);
+    while (auto answer = answers.take()) pass_on(*answer);
     rows.drain([this](std::uint64_t number, std::span<const double> row) {
       for (const auto& viewer : hub.viewers) viewer->add_row(number, row);
+      if (hub.files) hub.files->add(number, row);
     });
+    if (hub.files) hub.files->send();
     tell_laws();
     tell_poses();
     for (const auto& viewer : hub.viewers) viewer->send_rows();
   }
-  void pass_on(const Status& status) {
+  void pass_on(Status& status) {
+    if (const RowFile* file = hub.files ? hub.files->recording() : nullptr) status.file = *file;
     hub.status = {shared(to_json(status)), status.simulated_s};
     joints = status.joints;
     for (const auto& viewer : hub.viewers) viewer->tell_status(hub.status);
@@ -191,7 +214,9 @@ struct Server::Impl {
   RowRing rows;
   Newest poses;
   int ticks = 0;
-  Queue<std::variant<Status, Event, Done>, 256> messages;
+  Queue<std::variant<Status, Event>, 256> messages;
+  std::uint64_t lost_events = 0;  // of the thread of the steps
+  Queue<Done, 64> answers;
   std::string url;
   asio::io_context io{1};
   tcp::acceptor acceptor{io};
@@ -216,9 +241,15 @@ Result<std::unique_ptr<Server>> Server::start(const ServerOptions& options, Hell
 const std::string& Server::url() const { return impl_->url; }
 RowRing& Server::rows() { return impl_->rows; }
 Newest& Server::poses() { return impl_->poses; }
-void Server::tell(Status status) { impl_->messages.push(std::move(status)); }
-void Server::tell(Event event) { impl_->messages.push(std::move(event)); }
-void Server::tell(Done done) { impl_->messages.push(std::move(done)); }
-std::optional<Command> Server::take() { return impl_->hub.commands.take(); }
+void Server::tell(Status status) {
+  status.lost_events = impl_->lost_events;
+  impl_->messages.push(std::move(status));
+}
+void Server::tell(Event event) { impl_->lost_events += !impl_->messages.push(std::move(event)); }
+void Server::tell(Done done) {
+  const bool told = impl_->answers.push(std::move(done));
+  assert(told), (void)told;
+}
+std::optional<Command> Server::take() { return impl_->answers.has_room() ? impl_->hub.commands.take() : std::nullopt; }
 
 }  // namespace tribotwin::twin::live

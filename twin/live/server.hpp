@@ -1,6 +1,7 @@
 #pragma once
 
 #include <chrono>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <span>
@@ -17,7 +18,8 @@ namespace tribotwin::twin::live {
 struct ServerOptions {
   Address address;
   bool readonly = false;
-  std::string foxglove_origin = {};  ///< the one site that may connect by Foxglove's protocol; empty: our own only
+  std::string foxglove_origin = {};   ///< the one site that may connect by Foxglove's protocol; empty: our own only
+  std::filesystem::path folder = {};  ///< of what pages record and export; empty: they cannot
   Limits limits;
 };
 
@@ -45,10 +47,12 @@ class Server {
   RowRing& rows();
   /// Poses as read_poses writes them; their number is that of the row they belong to.
   Newest& poses();
+  /// With the number of events lost so far.
   void tell(Status status);
   void tell(Event event);
+  /// The answer to the last command taken; always has room.
   void tell(Done done);
-  /// The next command of a page.
+  /// The next command of a page; none as well while answers wait for the server, so that none is ever lost.
   std::optional<Command> take();
 
  private:

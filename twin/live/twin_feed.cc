@@ -43,6 +43,7 @@ Hello hello_of(const Scenario& scenario, std::string program, std::string versio
     const std::vector<std::string> of_units = units(model, binding);
     for (std::size_t c = 0; c < all.size(); ++c) hello.columns.push_back({joint, all[c].name, of_units[c]});
   }
+  hello.head = telemetry_options(scenario);
   for (const drive::FaultInfo& fault : drive::faults())
     hello.joint_faults.emplace_back(std::string(fault.name), fault.maximum);
   hello.geometry = geometry_json(model);
@@ -67,13 +68,13 @@ void push_row(Server& server, const Twin& twin, double time_s) {
 
 void TwinFeed::sample(const Twin& twin, double time_s) {
   push_row(server_, twin, time_s);
-  if (rows_left_ > 0) --rows_left_;
+  if (rows_left_ && *rows_left_ > 0) --*rows_left_;
 }
 
-std::vector<std::string> TwinFeed::commands() {
-  std::vector<std::string> all{"pause", "resume", "step"};
-  for (const EventCommand& command : event_commands()) all.emplace_back(command.name);
-  return all;
+void TwinFeed::add_commands(Hello& hello) {
+  hello.commands.clear();
+  add_pause_names(hello);
+  add_event_names(hello);
 }
 
 bool TwinFeed::held(RunningTwin& run) {
@@ -83,46 +84,26 @@ bool TwinFeed::held(RunningTwin& run) {
     obey(server_, run.twin().time_s(), acts(run));
     tell_status(run.twin());
   }
-  return paused_ && rows_left_ == 0;
+  return rows_left_ == 0;
 }
 
 void TwinFeed::tell_status(const Twin& twin) {
   server_.tell(Status{.simulated_s = twin.time_s(),
                       .wall_s = std::chrono::duration<double>(Clock::now() - started_).count(),
-                      .paused = paused_,
+                      .paused = rows_left_.has_value(),
                       .recording = recording_,
                       .joints = joints_of(twin)});
 }
 
 Acts TwinFeed::acts(RunningTwin& run) {
-  const auto paused = [this, &run](bool now) {
-    return [this, &run, now](Mapping& keys) {
-      keys.done();
-      if (paused_ == now) throw InputError(fmt::format("the run is {}", now ? "paused already" : "not paused"));
-      paused_ = now;
-      rows_left_ = 0;
-      return fmt::format("{} at {:.3f} s", now ? "paused" : "goes on", run.twin().time_s());
-    };
-  };
-  Acts all{{"pause", paused(true)}, {"resume", paused(false)}, {"step", [this](Mapping& keys) { return step(keys); }}};
-  for (const EventCommand& command : event_commands())
-    all[command.name] = [this, &run, &command](Mapping& keys) { return happen(run, event_of(command, keys)); };
+  const double time_s = run.twin().time_s();
+  Acts all;
+  add_pause(all, time_s, {"the run", "row", [this] { return rows_left_; }, [this](auto rows) { rows_left_ = rows; }});
+  add_events(all, server_, time_s, [this, &run](const YAML::Node& event) {
+    run.happen(event);
+    return recording_;
+  });
   return all;
-}
-
-std::string TwinFeed::happen(RunningTwin& run, YAML::Node event) {
-  run.happen(event);
-  server_.tell(told(run.twin().time_s(), event));
-  return fmt::format("at {:.3f} s{}", run.twin().time_s(), recording_ ? ", in the record" : ", which no record has");
-}
-
-std::string TwinFeed::step(Mapping& keys) {
-  const std::size_t rows = keys.whole("cycles", {1, 1e6});
-  keys.done();
-  if (!paused_) throw InputError("step: the run is not paused");
-  if (rows_left_ > 0) throw InputError(fmt::format("step: {} rows of the last one are still to come", rows_left_));
-  rows_left_ = rows;
-  return fmt::format("{} row{} from here", rows, rows == 1 ? "" : "s");
 }
 
 }  // namespace tribotwin::twin::live

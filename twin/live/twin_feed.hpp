@@ -23,8 +23,8 @@ class TwinFeed {
  public:
   /// `recording`: the run writes telemetry.
   TwinFeed(Server& server, bool recording) : server_(server), recording_(recording) {}
-  /// What its pages may ask.
-  static std::vector<std::string> commands();
+  /// Adds what its pages may ask.
+  static void add_commands(Hello& hello);
   /// A row as telemetry.h5 has it, of the step that began at `time_s`.
   void sample(const Twin& twin, double time_s);
   /// To be called between steps, and again while it is true: a page has paused the run. Now and then obeys commands and
@@ -33,16 +33,13 @@ class TwinFeed {
 
  private:
   Acts acts(RunningTwin& run);
-  std::string happen(RunningTwin& run, YAML::Node event);
-  std::string step(Mapping& keys);
   void tell_status(const Twin& twin);
   using Clock = std::chrono::steady_clock;
   Server& server_;
   const bool recording_;
   const Clock::time_point started_ = Clock::now();
   Clock::time_point status_due_ = started_;
-  bool paused_ = false;
-  std::size_t rows_left_ = 0;  // of the last `step`
+  std::optional<std::int64_t> rows_left_;  // until the run stands
 };
 
 }  // namespace tribotwin::twin::live

@@ -98,6 +98,7 @@ void Viewer::obey(const std::string& text) {
   }
   if (asking.command) {
     asking.command->viewer = number_;
+    if (hub_.files && RowFiles::obeys(asking.command->name)) return hub_.files->obey(*asking.command);
     if (hub_.commands.push(std::move(*asking.command))) return;
     asking.refusal.ok = false;
     asking.refusal.text = "too many commands wait";

@@ -1,45 +1,23 @@
 #include <algorithm>
 #include <cmath>
-#include <exception>
 #include <utility>
 #include <vector>
 
 #include <tribotwin/twin/numerics/cma_es.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
-#include <tribotwin/twin/numerics/parallel.hpp>
 
 namespace tribotwin::twin {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-namespace {
-
-/// The objective of each point; threads only share the work.
-std::vector<double> evaluated(const std::function<double(const VectorXd&)>& objective,
-                              const std::vector<VectorXd>& points, unsigned threads) {
-  std::vector<double> values(points.size());
-  std::vector<std::exception_ptr> failures(points.size());
-  identification::in_parallel(points.size(), threads, [&](std::size_t k) {
-    try {
-      values[k] = objective(points[k]);
-    } catch (...) {  // a thread must not throw
-      failures[k] = std::current_exception();
-    }
-  });
-  for (const auto& failure : failures)
-    if (failure) std::rethrow_exception(failure);
-  return values;
-}
-
-}  // namespace
-
-Minimum cma_es(const std::function<double(const VectorXd&)>& objective, const VectorXd& start,
-               const CmaOptions& options, Gaussian& gaussian) {
+Search cma_es(VectorXd start, CmaOptions options, Gaussian& gaussian) {
   const int population = options.population, parents = population / 2;
   const Index n = start.size();
   VectorXd mean = start;
-  Minimum best{mean, objective(mean), 1};
-  if (n == 0) return best;
+  Trial trial{{mean}};
+  const Tried first = co_await trial;
+  Minimum best{mean, first.values[0], 1};
+  if (n == 0) co_return best;
 
   VectorXd weight(parents);
   for (int i = 0; i < parents; ++i) weight(i) = std::log((population + 1) / 2.0) - std::log(i + 1.0);
@@ -57,15 +35,15 @@ Minimum cma_es(const std::function<double(const VectorXd&)>& objective, const Ve
                            step * axes.maxCoeff() > options.last_step && !(options.stop && *options.stop);
        ++generation) {
     std::vector<std::pair<double, VectorXd>> tried;
-    std::vector<VectorXd> points;
+    trial.points.clear();
     for (int k = 0; k < population; ++k) {
       tried.emplace_back(0, B * axes.cwiseProduct(gaussian(n)));
-      points.push_back(mean + step * tried.back().second);
+      trial.points.push_back(mean + step * tried.back().second);
     }
-    const std::vector<double> values = evaluated(objective, points, options.threads);
-    for (std::size_t k = 0; k < points.size(); ++k, ++best.evaluations) {
-      tried[k].first = values[k];
-      if (values[k] < best.objective) best.z = points[k], best.objective = values[k];
+    const Tried found = co_await trial;
+    for (std::size_t k = 0; k < tried.size(); ++k, ++best.evaluations) {
+      tried[k].first = found.values[k];
+      if (found.values[k] < best.objective) best.z = trial.points[k], best.objective = found.values[k];
     }
     std::ranges::stable_sort(tried, {}, [](const auto& t) { return t.first; });
     VectorXd move = VectorXd::Zero(n);
@@ -88,7 +66,7 @@ Minimum cma_es(const std::function<double(const VectorXd&)>& objective, const Ve
     B = eigen.vectors;
     axes = eigen.values.cwiseMax(1e-20).cwiseSqrt();
   }
-  return best;
+  co_return best;
 }
 
 }  // namespace tribotwin::twin

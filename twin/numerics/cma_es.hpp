@@ -1,11 +1,12 @@
 #pragma once
 
 #include <atomic>
-#include <functional>
-#include <limits>
+#include <cstdint>
 #include <random>
 
 #include <Eigen/Dense>
+
+#include <tribotwin/twin/numerics/search.hpp>
 
 /// Minimum of a function without derivatives.
 namespace tribotwin::twin {
@@ -29,20 +30,12 @@ struct CmaOptions {
   int population = 8;
   double first_step = 0.3, last_step = 1e-4;  ///< standard deviation of the search; it ends below the last
   int evaluations = 1000;                     ///< at most
-  unsigned threads = 1;                       ///< evaluate the points of a generation; they change no bit of the result
   const std::atomic<bool>* stop = nullptr;    ///< ends after the generation under way
 };
 
-struct Minimum {
-  Eigen::VectorXd z;
-  double objective = std::numeric_limits<double>::infinity();
-  int evaluations = 0;
-};
-
 /// CMA-ES with rank-one and rank-mu updates and cumulative step-size adaptation, constants as in Hansen 2016.
-/// Coordinates should be of order 1. The best point that was tried, `start` among them. With several threads the
-/// objective is called by all of them; an exception of it ends the search and is passed on.
-Minimum cma_es(const std::function<double(const Eigen::VectorXd&)>& objective, const Eigen::VectorXd& start,
-               const CmaOptions& options, Gaussian& gaussian);
+/// Coordinates should be of order 1. The best point that was tried, `start` among them. It asks for a generation at
+/// once; `gaussian` is used until it is over.
+Search cma_es(Eigen::VectorXd start, CmaOptions options, Gaussian& gaussian);
 
 }  // namespace tribotwin::twin

@@ -17,6 +17,12 @@ std::string joint_name(const mjModel* m, const mujoco::Binding& drive) {
   return name ? name : fmt::format("joint_{}", drive.joint);
 }
 
+std::vector<std::string> joint_names(const mujoco::Model& model) {
+  std::vector<std::string> names;
+  for (const auto& drive : model.drives()) names.push_back(joint_name(model.get(), drive));
+  return names;
+}
+
 bool is_slide(const mjModel* m, const mujoco::Binding& drive) { return m->jnt_type[drive.joint] == mjJNT_SLIDE; }
 
 std::string unit_of(std::string_view of_hinge, bool slide) {
@@ -27,8 +33,7 @@ std::string unit_of(std::string_view of_hinge, bool slide) {
 }
 
 Result<std::size_t> find_drive(const mujoco::Model& model, std::string_view joint) {
-  std::vector<std::string> names;
-  for (const auto& drive : model.drives()) names.push_back(joint_name(model.get(), drive));
+  const std::vector<std::string> names = joint_names(model);
   const auto found = std::ranges::find(names, joint);
   if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
   if (names.empty()) return tl::unexpected(std::string("the model has no tribotwin.drive"));

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
@@ -13,6 +14,8 @@
 namespace tribotwin::twin {
 
 std::string joint_name(const mjModel* m, const mujoco::Binding& drive);
+/// Of all drives, in their order.
+std::vector<std::string> joint_names(const mujoco::Model& model);
 /// Whether the drive's joint is a slide: its angles are lengths [m], its torques forces [N].
 bool is_slide(const mjModel* m, const mujoco::Binding& drive);
 /// The unit of a slide where the hinge's is `of_hinge`: N for Nm, m for rad, N s/m for Nm s/rad; else that of the

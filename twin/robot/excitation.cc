@@ -535,8 +535,9 @@ Result<Search> search(Judge& judge, const MotionLimits& limits, const Excitation
       if (const double value = tried(z); value < start.objective) start.z = z, start.objective = value;
   out.found = start;
   if (!stopped())
-    out.found = cma_es(tried, start.z, {.population = 16, .evaluations = o.evaluations - evaluations, .stop = o.stop},
-                       gaussian);
+    out.found = answered(
+        cma_es(start.z, {.population = 16, .evaluations = o.evaluations - evaluations, .stop = o.stop}, gaussian),
+        tried);
   out.interrupted = stopped();
   if (out.found.objective < impossible) return out;
   return tl::unexpected(

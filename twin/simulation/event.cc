@@ -6,6 +6,7 @@
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/twin/simulation/event.hpp>
+#include <tribotwin/twin/simulation/scenario_input.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -31,14 +32,6 @@ void read_fault(Mapping& in, const mujoco::Model& model, double duration_s, Even
   event.what = FaultChange{drive, fault.type, fault.severity, growth_per_h};
 }
 
-void read_marker(Mapping& in, const mujoco::Model&, double, Event& event) {
-  constexpr std::size_t longest = 200;
-  Marker marker{in.text("text")};
-  if (marker.text.size() > longest)
-    in.fail("text", fmt::format("is {} bytes long, but at most {} are kept", marker.text.size(), longest));
-  event.what = std::move(marker);
-}
-
 /// One row per type of event.
 constexpr std::pair<std::string_view, void (*)(Mapping&, const mujoco::Model&, double duration_s, Event&)>
     event_types[] = {
@@ -47,10 +40,19 @@ constexpr std::pair<std::string_view, void (*)(Mapping&, const mujoco::Model&, d
         {"wear",
          [](Mapping& in, const mujoco::Model& model, double, Event& event) { event.what = read_wear(in, model); }},
         {"fault", read_fault},
-        {"marker", read_marker},
+        {"marker",
+         [](Mapping& in, const mujoco::Model&, double, Event& event) { event.what = Marker{read_marker(in)}; }},
 };
 
 }  // namespace
+
+std::string read_marker(Mapping& in) {
+  constexpr std::size_t longest = 200;
+  std::string text = in.text("text");
+  if (text.size() > longest)
+    in.fail("text", fmt::format("is {} bytes long, but at most {} are kept", text.size(), longest));
+  return text;
+}
 
 Event read_event(Mapping in, const mujoco::Model& model, double duration_s) {
   Event event;

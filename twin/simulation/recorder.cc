@@ -54,6 +54,23 @@ double predicted_bytes(const Scenario& scenario) {
   return checked * sizeof(double) * values;
 }
 
+TelemetryOptions telemetry_options(const Scenario& scenario) {
+  const mujoco::Model& model = *scenario.model;
+  TelemetryOptions o{.attributes = {{"engine", "MuJoCo"},
+                                    {"engine_version", mj_versionString()},
+                                    {"scenario", scenario.name},
+                                    {"seed", std::to_string(scenario.seed)},
+                                    {"timestep_s", fmt::format("{}", model.get()->opt.timestep)}},
+                     .channels = channels(model)};
+  for (const auto& drive : model.drives()) {
+    o.joints.push_back(joint_name(model.get(), drive));
+    o.units.push_back(units(model, drive));
+    o.joint_attributes.push_back(
+        {{"gear_ratio", drive.drive.gear_ratio}, {"torque_max_nm", drive.drive.torque_max_nm}});
+  }
+  return o;
+}
+
 struct Recorder::Impl {
   RunFolder folder;
   fs::path directory;
@@ -76,19 +93,8 @@ Result<std::unique_ptr<Recorder>> Recorder::create(const fs::path& directory, co
   if (auto ok = impl->folder.open(directory, existing); !ok) return tl::unexpected(ok.error());
   impl->directory = directory;
   impl->scenario = scenario.resolved_yaml;
-  TelemetryOptions o{.attributes = {{"engine", "MuJoCo"},
-                                    {"engine_version", mj_versionString()},
-                                    {"scenario", scenario.name},
-                                    {"seed", std::to_string(scenario.seed)},
-                                    {"timestep_s", fmt::format("{}", impl->timestep_s)}},
-                     .channels = channels(*scenario.model),
-                     .cycle_channels = cycles ? cycle_channels() : std::vector<Channel>{}};
-  for (const auto& drive : scenario.model->drives()) {
-    o.joints.push_back(joint_name(scenario.model->get(), drive));
-    o.units.push_back(units(*scenario.model, drive));
-    o.joint_attributes.push_back(
-        {{"gear_ratio", drive.drive.gear_ratio}, {"torque_max_nm", drive.drive.torque_max_nm}});
-  }
+  TelemetryOptions o = telemetry_options(scenario);
+  if (cycles) o.cycle_channels = cycle_channels();
   impl->row.resize(o.joints.size() * o.channels.size());
   auto telemetry = Telemetry::create(directory / "telemetry.h5", std::move(o));
   if (!telemetry) return not_recorded(telemetry.error());
@@ -131,5 +137,12 @@ Result<void> Recorder::finish(const Summary& summary) {
 }
 
 const fs::path& Recorder::replaced() const { return impl_->folder.aside(); }
+
+void happen(Twin& twin, Recorder* recorder, YAML::Node node, double duration_s) {
+  node["time_s"] = twin.time_s();
+  Event event = read_event(Mapping(node["type"].as<std::string>(), "", node), *twin.scenario().model, duration_s);
+  if (recorder) or_wrong_input(recorder->add_event(node));
+  twin.happen(std::move(event));
+}
 
 }  // namespace tribotwin::twin

@@ -6,6 +6,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/file.hpp>
+#include <tribotwin/twin/io/telemetry/telemetry.hpp>
 #include <tribotwin/twin/simulation/channels.hpp>
 #include <tribotwin/twin/simulation/summary.hpp>
 #include <tribotwin/twin/simulation/twin.hpp>
@@ -19,6 +20,9 @@ std::int64_t steps_per_sample(const Scenario& scenario);
 /// Size that telemetry.h5 of a whole run will have [byte], within 5 %. Of a multi-rate run at least: its cycles alone,
 /// because how many of them are computed is not known before.
 double predicted_bytes(const Scenario& scenario);
+
+/// What telemetry.h5 of a scenario says of it, and its channels per sample.
+TelemetryOptions telemetry_options(const Scenario& scenario);
 
 /// scenario.yaml, the growing telemetry.h5 and, last, summary.json of one run. Locks the folder against other
 /// processes.
@@ -45,5 +49,10 @@ class Recorder {
   explicit Recorder(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
+
+/// Something happens to a twin now: an entry of `events` without its time, of a run that lasts `duration_s`. It is
+/// also added to scenario.yaml of the recorder (may be nullptr), so that a run of that file repeats it. Throws
+/// InputError, and then nothing happened.
+void happen(Twin& twin, Recorder* recorder, YAML::Node event, double duration_s);
 
 }  // namespace tribotwin::twin

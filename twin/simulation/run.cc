@@ -82,14 +82,11 @@ class Runner : RunningTwin {
  private:
   const Twin& twin() const override { return twin_; }
 
-  void happen(YAML::Node node) override {
-    node["time_s"] = twin_.time_s();
-    const std::string type = node["type"].as<std::string>();
-    Event event = read_event(Mapping(type, "", node), *scenario_.model, scenario_.duration_s);
-    if (scenario_.multirate.enabled && !std::holds_alternative<Marker>(event.what))
+  void happen(YAML::Node event) override {
+    const std::string type = event["type"].as<std::string>();
+    if (scenario_.multirate.enabled && type != "marker")
       throw InputError(type + ": this run skips cycles (multirate); one that knows of the event would skip others");
-    if (recorder_) or_wrong_input(recorder_->add_event(node));
-    twin_.happen(std::move(event));
+    twin::happen(twin_, recorder_.get(), event, scenario_.duration_s);
   }
 
   bool stopped() const { return options_.stop && options_.stop->load(std::memory_order_relaxed); }

@@ -23,6 +23,9 @@ std::filesystem::path resolve_file(const std::filesystem::path& folder, Mapping&
 std::vector<double> per_drive(Mapping& in, const std::string& key, const mujoco::Model& model,
                               std::vector<double> values, Bounds bounds = {});
 
+/// The key `text` of a marker.
+std::string read_marker(Mapping& in);
+
 /// Sets motion and start pose, and what follows from the motion: recording, duration.
 void read_motion(Mapping in, Scenario& scenario, const std::filesystem::path& folder, YAML::Node node);
 

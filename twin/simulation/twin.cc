@@ -143,6 +143,7 @@ void Twin::apply(const Wear& wear) {
 }
 
 void Twin::apply(const Event& event) {
+  if (std::holds_alternative<Marker>(event.what)) return;
   const double energy = mechanical_energy_J();
   std::visit(Overloaded{[&](const PayloadChange& change) { model_ = change.model; },
                         [&](const AmbientChange& change) {

@@ -45,6 +45,92 @@ TEST_F(OneBench, EverySyncIsOneCycle) {
   EXPECT_NEAR(bench.plant().twin().time_s(), 0.3, 1e-9);
 }
 
+// CiA 301: a SYNC with a counter that nobody asked for is an error of the moment: EMCY 8240h, and at once 0.
+TEST_F(OneBench, TellsEveryEmcyWhenItIsSent) {
+  using Told = std::vector<std::pair<std::size_t, std::uint16_t>>;
+  Told told;
+  Bench bench(scenario, {.emcy = [&](std::size_t drive, std::uint16_t code) { told.emplace_back(drive, code); }}, send);
+  bench.start(now);
+  EXPECT_TRUE(told.empty());
+  give(bench, 0, {1, 3});  // NMT: start node 3 alone
+  now += 2 * ms, give(bench, 0x80, {1});
+  EXPECT_EQ(told, (Told{{2, 0x8240}, {2, 0}}));
+  EXPECT_EQ(std::ranges::count(bus, 0x083u, &Frame::id), 2);
+}
+
+// While a bench is held, each SYNC is answered with the same position; then it goes on as if there had been no pause.
+TEST_F(OneBench, IsHeldAndGoesOnCycleByCycle) {
+  Bench bench(scenario, {.cycle_us = 2000}, send),
+      alone(scenario, {.cycle_us = 2000}, [](const Frame&) { return Sent::done; });
+  bench.start(now), alone.start(now);
+  const auto sync = [&] {
+    now += 2 * ms;
+    must_tick(bench);
+    bus.clear();
+    give(bench, 0x80);
+  };
+  const auto alone_too = [&](int cycles) {
+    for (int i = 0; i < cycles; ++i) ASSERT_TRUE(alone.receive(classic(0x80, {}), now));
+    for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(position(bench, i), position(alone, i)) << i;
+    EXPECT_EQ(bench.plant().twin().steps(), alone.plant().twin().steps());
+  };
+  for (Bench* one : {&bench, &alone}) give(*one, 0, {1, 0});
+  for (int i = 0; i < 10; ++i) sync();
+  alone_too(10);
+  EXPECT_EQ(bench.left(), std::nullopt);
+  bench.hold(0);
+  EXPECT_EQ(bench.left(), 0);
+  sync();
+  const auto answer = bus;
+  EXPECT_GE(answer.size(), 6U);
+  for (int i = 0; i < 100; ++i) {
+    sync();
+    EXPECT_EQ(bus, answer);
+  }
+  alone_too(0);
+  bench.hold(3);
+  EXPECT_EQ(bench.left(), 3);
+  sync();
+  EXPECT_EQ(bench.left(), 2);
+  for (int i = 0; i < 5; ++i) sync();
+  EXPECT_EQ(bench.left(), 0);
+  alone_too(3);
+  bench.hold(std::nullopt);
+  for (int i = 0; i < 10; ++i) sync();
+  alone_too(10);
+}
+
+// A drive that lost its commands stops when the bench goes on; the clock moves the robot then, from that time on.
+TEST_F(OneBench, IsHeldWhileADriveStopsAlone) {
+  Bench bench(scenario, {.cycle_us = 2000}, send);
+  bench.start(now);
+  give(bench, 0, {1, 0});
+  for (const std::uint8_t word : {0x06, 0x07, 0x0F})
+    give(bench, 0x204, {word, 0}), now += 2 * ms, must_tick(bench), give(bench, 0x80);
+  const auto node = [&] { return dynamic_cast<Node*>(bench.drives()[3].get()); };
+  const auto here = static_cast<std::int32_t>(node()->dictionary().get(0x6064));
+  for (int k = 1; k <= 100; ++k) {
+    std::vector<std::uint8_t> data{0x0F, 0, 0, 0, 0, 0};
+    encode(here + 2000 * k, std::span(data).subspan(2));
+    give(bench, 0x404, data);
+    now += 2 * ms, must_tick(bench), give(bench, 0x80);
+  }
+  bench.hold(0);
+  const double held_s = bench.plant().twin().time_s();
+  for (int i = 0; i < 1000; ++i) now += ms, must_tick(bench);  // no SYNC
+  EXPECT_TRUE(node()->stops_alone());
+  EXPECT_EQ(bench.plant().twin().time_s(), held_s);
+  EXPECT_GT(bench.next_ns(), now);
+  bench.hold(5);
+  for (int i = 0; i < 100; ++i) now += ms, must_tick(bench);
+  EXPECT_NEAR(bench.plant().twin().time_s(), held_s + 0.01, 1e-9);
+  bench.hold(std::nullopt);
+  must_tick(bench);
+  EXPECT_NEAR(bench.plant().twin().time_s(), held_s + 0.01, 1e-9);  // it catches up with nothing
+  for (int i = 0; i < 2000 && node()->stops_alone(); ++i) now += ms, must_tick(bench);
+  EXPECT_FALSE(node()->stops_alone());
+}
+
 // A store is a file that is forced to disk, while no frame is answered: not while any drive of the bus has power.
 TEST_F(OneBench, KeepsNothingWhileADriveHasPower) {
   int writes = 0;
@@ -88,6 +174,31 @@ TEST_F(OneBench, KeepsNothingWhileADriveHasPower) {
   EXPECT_EQ(store_number(), "7E4#1702000000000000");
   EXPECT_EQ(writes, 4);
   EXPECT_EQ(told, (std::vector<bool>{true, true, false, false}));
+}
+
+// Of all frames of others those that mean none of our drives: SYNC, NMT, LSS, SDO and PDO of ours do.
+TEST_F(OneBench, CountsForeignFrames) {
+  Bench bench(scenario, {}, send);
+  bench.start(now);
+  const auto foreign = [&](const Frame& frame) {
+    const auto before = bench.counters().foreign;
+    EXPECT_TRUE(bench.receive(frame, now));
+    return bench.counters().foreign - before;
+  };
+  for (const std::uint32_t id : {0x000u, 0x080u, 0x201u, 0x206u, 0x401u, 0x606u, 0x7E5u, 0x100u})
+    EXPECT_EQ(foreign(classic(id, {})), 0U) << id;
+  for (const std::uint32_t id : {0x081u, 0x181u, 0x207u, 0x407u, 0x581u, 0x607u, 0x701u, 0x77Fu, 0x7E4u})
+    EXPECT_EQ(foreign(classic(id, {})), 1U) << id;
+  Frame guard = classic(0x701, {}), extended = classic(0x201, {}), fd = classic(0x201, {}), error = classic(0x201, {});
+  guard.remote = extended.extended = fd.fd = error.error = true;
+  EXPECT_EQ(foreign(guard), 0U);
+  EXPECT_EQ(foreign(extended) + foreign(fd), 2U);
+  EXPECT_EQ(foreign(error), 0U);
+  EXPECT_EQ(foreign(classic(0x080, std::vector<std::uint8_t>{1, 2})), 1U);  // resembles a SYNC
+  EXPECT_EQ(bench.counters().frames_in, 22U);
+  // A heartbeat that a drive watches is foreign no more.
+  EXPECT_EQ(foreign(classic(0x602, download(0x1016, 1, Type::u32, 0x007F03E8))), 0U);
+  EXPECT_EQ(foreign(classic(0x77F, {})), 0U);
 }
 
 TEST_F(OneBench, BrakesHoldTheArmUntilDrivesAreEnabled) {

@@ -112,6 +112,99 @@ for name, arguments in {
     check("%s: rank 0 prints, once" % name, plain(r.stdout) == plain(alone.stdout), (r.stdout, alone.stdout))
     check("%s: and warns once" % name, plain(r.stderr) == plain(alone.stderr), (r.stderr, alone.stderr))
 
+
+def processes_of(job):
+    """Ranks of the job in their order; not the processes of their tasks, which are their children."""
+    found, parents = {}, {}
+    for name in glob.glob("/proc/[0-9]*/environ"):
+        try:
+            variables = dict(x.split("=", 1) for x in open(name).read().split("\0") if "=" in x)
+            command = open(name.replace("environ", "cmdline")).read().split("\0")
+            parent = open(name.replace("environ", "stat")).read().rsplit(")", 1)[1].split()[1]
+        except OSError:
+            continue
+        if command[0] == program and variables.get("TRIBOTWIN_TEST_JOB") == job:
+            found[name.split("/")[2]] = int(variables["OMPI_COMM_WORLD_RANK"])
+            parents[name.split("/")[2]] = parent
+    return {rank: int(pid) for pid, rank in found.items() if parents[pid] not in found}
+
+
+# --dry-run foretells for the ranks that were asked for, else for those of the job.
+for more, ranks, threads in (((), 3, 1), (("--ranks", 8), 8, 1), (("--ranks", 1), 1, os.cpu_count())):
+    said = json.loads(on_ranks(3, "sweep", "sweep.yaml", "--dry-run", "--json", *more).stdout)
+    foretold = said["seconds"] / said["seconds_of_one"]
+    check(
+        "--dry-run %s on three ranks" % " ".join(map(str, more)),
+        (said["ranks"], said["threads"]) == (ranks, threads) and abs(foretold - -(-40 // (ranks * threads))) < 1e-6,
+        said,
+    )
+
+
+# One search alone is work for all: the points of a generation, and where there are fewer of them, their recordings.
+def parents():
+    """Parent by process, of all."""
+    found = {}
+    for name in glob.glob("/proc/[0-9]*/stat"):
+        try:
+            with open(name) as f:
+                found[int(name.split("/")[2])] = int(f.read().rsplit(")", 1)[1].split()[1])
+        except OSError:
+            pass
+    return found
+
+
+def children(pid):
+    return [child for child, parent in parents().items() if parent == pid]
+
+
+for method in ("cma_es", "gauss_newton"):
+    lone, folder = "lone_%s.yaml" % method, "lone_" + method
+    search = "starts: 1, evaluations: 300, method: %s" % method
+    write(lone, re.sub("hold_out: .*\n", "", content("fit.yaml").replace("starts: 2, evaluations: 16", search)))
+    r = harness.run(program, "calibrate", lone, "-o", folder + "1", "--threads", "1")
+    check("one start by %s" % method, r.returncode == 0, r.stderr)
+    job = "%d.%s" % (os.getpid(), method)
+    p = subprocess.Popen(
+        ["mpirun", "-n", "4", program, "calibrate", lone, "-o", folder + "4", "--quiet"], cwd=work, stdout=-3,
+        stderr=-3, env={**environment, "TRIBOTWIN_TEST_JOB": job},
+    )  # fmt: skip
+    worked = set()
+    while p.poll() is None:
+        running = set(parents().values())
+        worked |= {rank for rank, pid in processes_of(job).items() if pid in running}
+    same = files(folder + "4") == files(folder + "1")
+    check("one start by %s on four ranks: the same bytes" % method, p.returncode == 0 and same, p.returncode)
+    check("one start by %s: every rank simulates" % method, worked == {0, 1, 2, 3}, worked)
+
+# A simulation whose process is killed is made again; without that its fit fails, and no other.
+write("fits.yaml", content("fit.yaml").replace("evaluations: 16", "evaluations: 200, method: cma_es"))
+r = harness.run(program, "calibrate", "fits.yaml", "-o", "fits", "--threads", "1", "--quiet")
+truth = files("fits")
+check("the calibration to be disturbed", r.returncode == 0, r.stderr)
+
+
+def disturbed(folder, *arguments):
+    """Its first simulations are killed."""
+    command = [program, "calibrate", "fits.yaml", "-o", folder, "--threads", "2", *arguments]
+    p = subprocess.Popen(command, cwd=work, stdout=-3, stderr=subprocess.PIPE, text=True)
+    while p.poll() is None and not children(p.pid):
+        time.sleep(0.001)
+    os.kill(children(p.pid)[0], signal.SIGKILL)
+    return p.communicate()[1], p.returncode
+
+
+said, code = disturbed("fits_again", "--quiet")
+check("a killed simulation: the same bytes", code == 0 and files("fits_again") == truth, (code, said))
+said, code = disturbed("fits_failed", "--quiet", "--retries", "0")
+check("not made again: exit code 1 names its fit", code == 1 and "variant 'load'" in said and "signal 9" in said, said)
+check(
+    "not made again: the other three fits are there", content("fits_failed/calibration.json").count('"objective"') == 3
+)
+recorded = content("fits_failed/failures.csv")
+check("not made again: recorded with its input", "drive.Fc0=0.0" in recorded and "signal 9" in recorded, recorded)
+r = harness.run(program, "calibrate", "fits.yaml", "-o", "fits_failed", "--quiet")
+check("the next call makes it", r.returncode == 0 and files("fits_failed") == truth, r.stderr)
+
 # Two machines of a hostfile: two addresses of this one, with a stand-in for ssh.
 # Each has a folder for temporary files of its own.
 write(
@@ -208,84 +301,94 @@ for name, how, says in (
 r = harness.run(lonely + "/tribotwin", "lab", "lab.yaml", "-o", "alone", "--quiet")
 check("one process needs no MPI", r.returncode == 0 and files("alone") == files("lab1"), r.stderr)
 
-# kill -9 of a worker, of rank 0, or of the whole job, until the campaign is complete: nothing lost, nothing doubled.
-write("many.yaml", content("lab.yaml").replace("[100, 200]", "[200]").replace("count: 12", "count: %d" % tasks))
-r = harness.run(program, "lab", "many.yaml", "-o", "undisturbed")
-check("the job to be killed, undisturbed", r.returncode == 0, r.stderr)
-truth = files("undisturbed")
+# kill -9 of a worker, of rank 0, or of the whole job, until all is done: nothing lost, nothing doubled.
 instants = random.Random(seed)
-tally = {}
 
 
-def processes_of(job):
-    """Ranks of the job in their order; not the processes of their tasks, which are their children."""
-    found, parents = {}, {}
-    for name in glob.glob("/proc/[0-9]*/environ"):
-        try:
-            variables = dict(x.split("=", 1) for x in open(name).read().split("\0") if "=" in x)
-            command = open(name.replace("environ", "cmdline")).read().split("\0")
-            parent = open(name.replace("environ", "stat")).read().rsplit(")", 1)[1].split()[1]
-        except OSError:
-            continue
-        if command[0] == program and variables.get("TRIBOTWIN_TEST_JOB") == job:
-            found[name.split("/")[2]] = int(variables["OMPI_COMM_WORLD_RANK"])
-            parents[name.split("/")[2]] = parent
-    return {rank: int(pid) for pid, rank in found.items() if parents[pid] not in found}
+def curves_of(folder):
+    """Finished parts and when they were made."""
+    if not os.path.exists(path(folder, "checksums")):
+        return {}
+    names = [line.split(" ")[-1] for line in content(folder + "/checksums").splitlines() if line.count(" ") == 1]
+    there = {name: path(folder, "curves", name) for name in names}
+    return {name: os.stat(file).st_mtime_ns for name, file in there.items() if os.path.exists(file)}
 
 
-def whole(curve):
-    with open(curve) as f:
-        return f.read()
+def runs_of(folder):
+    """Finished runs, and when their summaries were written."""
+    names = [str(x) for x in range(20, 20 + RUNS)] if os.path.exists(path(folder, "summary.json")) else []
+    listed = path(folder, ".unfinished", "checksums")
+    try:
+        names = [line.split(" ")[-1] for line in content(listed).splitlines() if line.count(" ") == 1] or names
+    except FileNotFoundError:
+        pass
+    return {name: os.stat(path(folder, name, "summary.json")).st_mtime_ns for name in names}
 
 
-def wait_for_tasks(process, folder, more):
-    """Until so many parts more are on disk, or the job has ended."""
-    count = lambda: len(glob.glob(path(folder, "curves", "[0-9]*.csv")))
-    wanted = count() + more
-    while process.poll() is None and count() < wanted:
+def wait_for_tasks(process, parts, folder, more):
+    """Until so many parts more are finished, or the job has ended."""
+    wanted = len(parts(folder)) + more
+    while process.poll() is None and len(parts(folder)) < wanted:
         time.sleep(0.002)
 
 
-killed = rounds = 0
-while killed < kills:
-    folder = "killed%d" % rounds
-    rounds += 1
-    made = {}  # the time at which each part was made
-    for attempt in range(1000):
-        job = "%d.%d" % (os.getpid(), killed)
-        command = ["mpirun", "-n", "4", program, "lab", "many.yaml", "-o", folder, "--quiet"]
-        p = subprocess.Popen(
-            command, cwd=work, env={**environment, "TRIBOTWIN_TEST_JOB": job}, stdout=-3, stderr=-3,
-            start_new_session=True,
-        )  # fmt: skip
-        if killed < kills:
-            wait_for_tasks(p, folder, instants.randint(0, max(1, tasks // 8)))
-            victims = processes_of(job)
-            whom = instants.choice(["worker", "rank 0", "job"])
-            if p.poll() is None and len(victims) == 4:
-                if whom == "job":
-                    os.killpg(p.pid, signal.SIGKILL)
-                    for victim in victims.values():
-                        os.kill(victim, signal.SIGKILL)
-                else:
-                    os.kill(victims[0 if whom == "rank 0" else instants.randint(1, 3)], signal.SIGKILL)
-                killed += 1
-                tally[whom] = tally.get(whom, 0) + 1
-        code = p.wait(120)
-        while processes_of(job):  # mpirun ends before its last rank does
-            time.sleep(0.01)
-        there = {name: os.stat(name).st_mtime_ns for name in glob.glob(path(folder, "curves", "[0-9]*.csv"))}
-        sums = dict(reversed(x.split(" ")) for x in content(folder + "/checksums").splitlines() if x.count(" ") == 1) \
-            if os.path.exists(path(folder, "checksums")) else {}  # fmt: skip
-        again = [n for n, when in made.items() if there.get(n) != when]
-        if again:
-            check("no finished part is lost or made twice", False, (folder, whom, again[:3]))
-        made = {n: when for n, when in there.items() if os.path.basename(n) in sums}
-        if code == 0:
-            break
-    if files(folder) != truth:
-        check("%s is as if undisturbed" % folder, False, sorted(set(files(folder)) ^ set(truth)))
-    shutil.rmtree(path(folder))
-check("%d kills in %d jobs: 0 lost, 0 doubled, the same bytes" % (killed, rounds), killed >= kills, note=str(tally))
+def attempt(name, folder, kill, parts, most, tally):
+    """The job once, killed or not; its exit code."""
+    job = "%d.%s.%d" % (os.getpid(), folder, sum(tally.values()))
+    p = subprocess.Popen(
+        ["mpirun", "-n", "4", program, *name, "-o", folder, "--quiet"], cwd=work, stdout=-3, stderr=-3,
+        env={**environment, "TRIBOTWIN_TEST_JOB": job}, start_new_session=True,
+    )  # fmt: skip
+    if kill:
+        wait_for_tasks(p, parts, folder, instants.randint(0, most))
+        victims = processes_of(job)
+        if p.poll() is None and len(victims) == 4:
+            if kill == "job":
+                os.killpg(p.pid, signal.SIGKILL)
+                for victim in victims.values():
+                    os.kill(victim, signal.SIGKILL)
+            else:
+                os.kill(victims[0 if kill == "rank 0" else instants.randint(1, 3)], signal.SIGKILL)
+            tally[kill] = tally.get(kill, 0) + 1
+    code = p.wait(120)
+    while processes_of(job):  # mpirun ends before its last rank does
+        time.sleep(0.01)
+    return code
+
+
+def survives(command, parts, count):
+    r = harness.run(program, *command, "-o", "undisturbed_" + command[0])
+    check("%s to be killed, undisturbed" % command[0], r.returncode == 0, r.stderr)
+    truth, tally, jobs = files("undisturbed_" + command[0]), {}, 0
+    while sum(tally.values()) < kills:
+        folder, made, code = "killed_%s_%d" % (command[0], jobs), {}, 1
+        jobs += 1
+        for _ in range(kills + 10):
+            kinds = ("worker", "rank 0", "job")
+            kill = kinds[sum(tally.values()) % 3] if sum(tally.values()) < kills else ""
+            code = attempt(command, folder, kill, parts, max(1, count // 8), tally)
+            there = parts(folder)
+            again = [n for n, when in made.items() if there.get(n) != when]
+            if again and not check("no finished part is lost or made twice", False, (folder, kill, again[:3])):
+                return
+            made = there
+            if code == 0:
+                break
+        if files(folder) != truth:
+            check("%s is as if undisturbed" % folder, False, sorted(set(files(folder)) ^ set(truth)))
+        shutil.rmtree(path(folder))
+    check(
+        "%d kills of %d jobs of %s: 0 lost, 0 doubled, the same bytes" % (sum(tally.values()), jobs, command[0]),
+        sum(tally.values()) >= kills,
+        note=str(tally),
+    )
+
+
+RUNS = max(8, min(tasks, 40))
+write("many.yaml", content("lab.yaml").replace("[100, 200]", "[200]").replace("count: 12", "count: %d" % tasks))
+survives(("lab", "many.yaml"), curves_of, tasks)
+temperatures = ", ".join(str(x) for x in range(20, 20 + RUNS))
+write("runs.yaml", content("vary.yaml").replace("20, 30, 40, 50, 60", temperatures).replace("_s: 5", "_s: 20"))
+survives(("run", "runs.yaml"), runs_of, RUNS)
 
 finish()

@@ -240,6 +240,18 @@ with Slurm(path("slurm")) as slurm:
         job.ends("FAILED")
         check(name + ": says why", says in job.log(), job.log())
 
+    # ---- A rank that dies when the results are written changes nothing of them.
+    write("late.sh", f'#!/bin/bash\n{program} "$@" || exit\n[ "${{PMIX_RANK:-0}}" != 1 ] || kill -9 $$\n')
+    os.chmod(path("late.sh"), 0o755)
+    write(
+        "late.sbatch",
+        re.sub("(?m)^program=.*", f"program={path('late.sh')}", text.replace(path("cancelled"), path("late"))),
+    )
+    job = Job(slurm, "late")
+    job.ends("COMPLETED")
+    check("late: a rank was killed", "killed" in job.log().lower(), job.log())
+    check("late: the results are whole", bytes_of("late") == truth, job.log())
+
     # ---- Tasks that do not know each other never write into one folder.
     r = slurm.call("srun", "--mpi=none", "-n", 2, program, "sweep", path("plan.yaml"), "-o", path("strangers"))
     check("srun without PMI", r.returncode == 1 and "srun --mpi=pmix" in r.stderr, (r.returncode, r.stderr))

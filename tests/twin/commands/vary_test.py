@@ -95,6 +95,40 @@ r = run("-o", "forced", "--force")
 check("forced: goes on", r.returncode == 0 and "of 5 runs are those of an earlier call" in r.stderr, r.stderr)
 check("forced: the values of an undisturbed run", values("forced") == truth)
 
+
+# A process of a run is killed: the run is made again, and nothing else is lost.
+def processes_of(pid):
+    return [int(x) for x in open(f"/proc/{pid}/task/{pid}/children").read().split()]
+
+
+def kill_second_run(folder, *arguments):
+    """The process of the second run, once the first is complete, is killed."""
+    command = [program, "run", "vary.yaml", "--threads", "1", "-o", folder, *arguments]
+    p = subprocess.Popen(command, cwd=work, stdout=-3, stderr=subprocess.PIPE)
+    while p.poll() is None and not complete(folder):
+        time.sleep(0.002)
+    os.kill(processes_of(p.pid)[0], signal.SIGKILL)
+    return p.communicate()[1].decode(), p.returncode
+
+
+said, code = kill_second_run("crashed", "--quiet")
+check("a run's process is killed: tried again", code == 0 and values("crashed") == truth, said)
+check("and the attempt leaves nothing behind", sorted(os.listdir(path("crashed"))) == sorted(os.listdir(path("whole"))))
+check(
+    "nor in its folder", os.listdir(path("crashed/30")) == os.listdir(path("whole/30")), os.listdir(path("crashed/30"))
+)
+said, code = kill_second_run("failed", "--quiet", "--retries", "0")
+there = complete("failed")
+check("not tried again: the others are complete", code == 1 and len(there) == 4, (code, said, there))
+check("not tried again: it is named", "30: its process was ended by signal 9" in said and "4 of 5 runs" in said, said)
+recorded = content("failed/failures.csv")
+check("and recorded", '30,1,"its process' in recorded and '"temperature_degC=30"' in recorded, recorded)
+r = run("-o", "failed")
+check("the next call makes it", r.returncode == 0 and "4 of 5 runs are those" in r.stderr, r.stderr)
+check("with the values of an undisturbed run", values("failed") == truth)
+check("and made no other again", all(complete("failed")[k] == when for k, when in there.items()))
+check("nothing failed now", not os.path.exists(path("failed/failures.csv")))
+
 # A folder of somebody else's is never taken for a leftover, the second time neither.
 os.makedirs(path("foreign"))
 shutil.copytree(path("whole/40"), path("foreign/40"))

@@ -97,8 +97,8 @@ TEST_F(Parts, ThatFailAreRecordedAndTheOthersComplete) {
   EXPECT_THAT(outcome.error().message, HasSubstr("2 of 12 parts failed"));
   EXPECT_THAT(outcome.error().message, HasSubstr("parts/03.txt: diverged, \"quickly\" (2 attempts); parts/08.txt"));
   EXPECT_EQ(read(folder_ / "failures.csv"),
-            "part,attempts,message\nparts/03.txt,2,\"diverged, \"\"quickly\"\"\"\n"
-            "parts/08.txt,2,\"diverged, \"\"quickly\"\"\"\n");
+            "part,attempts,message,input\nparts/03.txt,2,\"diverged, \"\"quickly\"\"\",\"part 3 of campaign.yaml\"\n"
+            "parts/08.txt,2,\"diverged, \"\"quickly\"\"\",\"part 8 of campaign.yaml\"\n");
   EXPECT_EQ(std::ranges::count(sums(), '\n'), 10);
 
   failing_ = {};

@@ -32,9 +32,9 @@ struct Decay {
 
 Minimum minimum(const VectorXd& low, const VectorXd& high, const GaussNewtonOptions& options) {
   const Decay f;
-  return gauss_newton([&](const VectorXd& z) { return f(z); },
-                      [&](const VectorXd& z, double step) { return f.quadratic(z, step); }, VectorXd::Ones(2), low,
-                      high, options);
+  return answered(
+      gauss_newton(VectorXd::Ones(2), low, high, options), [&](const VectorXd& z) { return f(z); },
+      [&](const VectorXd& z, double step) { return f.quadratic(z, step); });
 }
 
 const VectorXd far = VectorXd::Constant(2, 1e9);

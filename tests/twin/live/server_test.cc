@@ -142,6 +142,41 @@ TEST(Server, TellsWhatHappenedAndPassesCommands) {
   EXPECT_EQ(client.hear_end(), 1001);
 }
 
+TEST(Server, LosesNoAnswerAndCountsTheEventsThatItLoses) {
+  ServerOptions options = here();
+  options.limits.batches_per_s = 1;  // what comes within a second has to wait
+  options.limits.messages_per_s = 1000;
+  const auto server = start(options);
+  Client client(port_of(*server));
+  ASSERT_TRUE(client.watch());
+  constexpr int commands = 150, events = 600;
+  for (int i = 0; i < events; ++i) server->tell(Event{1, "note", "", "many"});
+  int said = 0, answered = 0;
+  for (int tries = 0; answered < commands && tries < 2000; ++tries, std::this_thread::sleep_for(5ms)) {
+    for (; said < commands && said < answered + 60; ++said)  // 64 may wait
+      client.say(fmt::format(R"({{"type":"command","id":{},"do":"pause"}})", said));
+    while (const auto command = server->take()) {
+      server->tell(Done{command->viewer, command->id, true, "paused"});
+      ++answered;
+    }
+  }
+  EXPECT_EQ(answered, commands);
+  server->tell(Status{.simulated_s = 2});
+  int told = 0, done = 0;
+  std::uint64_t lost = 0;
+  while (const auto message = client.hear()) {
+    const std::string& text = message->content;
+    told += text.starts_with(R"({"type":"event")");
+    if (text.starts_with(R"({"type":"done")"))
+      EXPECT_EQ(text, fmt::format(R"({{"type":"done","id":{},"ok":true,"message":"paused"}})", done++));
+    if (const auto at = text.find(R"("lost_events":)"); at != text.npos) lost = std::stoull(text.substr(at + 14));
+    if (lost && done == commands) break;
+  }
+  EXPECT_EQ(done, commands);
+  EXPECT_GT(lost, 0);
+  EXPECT_EQ(static_cast<std::uint64_t>(told) + lost, events);
+}
+
 TEST(Server, RefusesMessagesThatAreNoCommand) {
   const auto server = start();
   Client client(port_of(*server));

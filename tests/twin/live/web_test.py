@@ -1,10 +1,11 @@
 """`tribotwin run --web` and `tribotwin-hil drive --web`: what a viewer gets is what telemetry.h5 has, to the last bit;
 addresses that are wrong or taken. Arguments: tribotwin, tribotwin-hil, source tree."""
-import json, os, shutil, socket, subprocess, sys, time
+import json, os, shutil, signal, socket, subprocess, sys, time
 
 import h5py, yaml
 
 from harness import check, check_refused, content, finish, path, run, work
+from recorded_rows import compare_part, rows_of_h5, rows_of_mcap
 from web_viewer import PATIENCE_S, compare, messages, watch, web_address
 
 tribotwin, hil, source = sys.argv[1:]
@@ -15,8 +16,8 @@ SAY = (
     {"type": "command", "id": 2, "do": "marker", "text": "x" * 201},
     {"type": "command", "id": 4, "do": "shutdown"},
 )
-EVENTS = ["marker", "ambient", "payload", "wear", "joint_fault"]
-COMMANDS_OF_RUN, COMMANDS_OF_DRIVE = ["pause", "resume", "step", *EVENTS], ["fault", *EVENTS]
+COMMANDS_OF_RUN = ["pause", "resume", "step", "marker", "ambient", "payload", "wear", "joint_fault", "record", "export"]
+COMMANDS_OF_DRIVE = ["fault", *COMMANDS_OF_RUN]
 FAULT = {"type": "command", "do": "fault", "kind": "over_temperature", "duration_s": 1, "temperature_degC": 140}
 FAULTS = ("drop", "delay", "corrupt", "duplicate", "silence", "bus_off", "link_down", "over_temperature",
           "encoder_freeze", "safe_torque_off")  # fmt: skip
@@ -157,9 +158,17 @@ def check_faults(texts):
     check("fault: no other drive", not any(any(c[:4] + c[5:]) for c in codes), codes)
     sent = [line.split()[-1] for line in content("faults.log").splitlines()]
     check("fault: its EMCY is in the record", any(s.startswith("085#1043") for s in sent), sent[:20])
+    told = [(e["joint"], e["text"]) for e in texts["event"] if e["kind"] == "emcy"]
+    check("fault: its EMCY is an event", told == [("joint5", "4310h the drive is too hot")], told)
     again = run(hil, "replay", scenario, "faults.log", "--fast", "-o", "again", "--set", "telemetry_rate_hz=500")
     check("fault: a replay repeats it", ": 0 differ, 0 missing, 0 added" in again.stdout, again.stdout + again.stderr)
     same_record("fault: the replay", "drive", "again")
+    command = [hil, "replay", scenario, "faults.log", "--set", "telemetry_rate_hz=500"]
+    texts, _ = serve("fault: a shown replay", "shown_faults", command)
+    told = [(e["kind"], e["joint"], e["text"]) for e in texts["event"] if e["kind"] in ("fault", "emcy")]
+    expected = [("fault", "over_temperature begins"), ("emcy", "4310h the drive is too hot"),
+                ("fault", "over_temperature ends")]  # fmt: skip
+    check("fault: the page of a replay tells it", told == [(k, "joint5", t) for k, t in expected], told)
 
 
 def bits(folder):
@@ -218,6 +227,129 @@ def test_pause():
     check("step: five rows", len(between) == 5 and len(set(pauses.stepped[1:])) == 1, (stood, pauses.stepped, between))
     left_s, took_s = 3 - stepped, time.monotonic() - pauses.resumed_s
     check("resume: the clock had stood", took_s > 0.9 * left_s > 1, (took_s, left_s))
+
+
+def test_pause_of_a_session():
+    """The same of a robot that moves with the clock: a step is a SYNC cycle, and a replay stands and goes on too."""
+    pauses = Pauses()
+    telemetry = ["--set", "telemetry_rate_hz=1000"]
+    texts, rows = serve(
+        "held", "held", [hil, "drive", scenario, "--can", "memory:held", "--realtime", "--duration", "3", "--record",
+        "held_bus.log", *telemetry], answer=pauses,
+    )  # fmt: skip
+    done = answers(texts)
+    expected = [False, False, True, False, False, True, True]
+    check("held: what is obeyed, what is refused", [done[i][0] for i in range(7)] == expected, done)
+    check("held: why", done[0][1] == "the robot is not paused" == done[1][1].removeprefix("step: "), done)
+    stood, stepped = set(pauses.paused), set(pauses.stepped[1:])
+    check("held: the robot stands", len(stood) == len(stepped) == 1, (pauses.paused, pauses.stepped))
+    check("held: five cycles of 2 ms", abs(max(stepped) - max(stood) - 0.01) < 1e-9, (stood, stepped))
+    check("held: rows have no gap", len(rows) > 2 and max(rows[1:, 0] - rows[:-1, 0]) < 0.0011, len(rows))
+    words = [
+        w for line in content("held_bus.log.session").splitlines() for w in line.split() if w[:5] in ("pause", "resum")
+    ]
+    check("held: it is in LOG.session", words == ["pause=0", "pause=5", "resume"], words)
+    again = run(hil, "replay", scenario, "held_bus.log", "--fast", "-o", "held_again", *telemetry)
+    check("held: a replay repeats it", ": 0 differ, 0 missing, 0 added" in again.stdout, again.stdout + again.stderr)
+    same_record("held: the replay", "held", "held_again")
+
+
+class Records:
+    """Says what a page records and exports, by the time of the run."""
+
+    def __init__(self, *plan):
+        self.plan = list(plan) or [
+            (0.5, {"do": "record", "on": True}),
+            (0.8, {"do": "record", "on": True}),
+            (1.2, {"do": "export", "minutes": 0.01, "format": "h5"}),
+            (1.8, {"do": "export", "minutes": 5, "format": "mcap"}),
+            (2.2, {"do": "record", "on": False}),
+            (2.4, {"do": "record", "on": False}),
+            (2.5, {"do": "export", "minutes": 1, "format": "h5", "name": "../h5"}),
+        ]
+        self.said = 0
+
+    def __call__(self, text):
+        now = []
+        while text["type"] == "status" and self.said < len(self.plan) and text["simulated_s"] > self.plan[self.said][0]:
+            now.append({"type": "command", "id": self.said, **self.plan[self.said][1]})
+            self.said += 1
+        return now
+
+
+def check_files(name, folder, telemetry, texts):
+    done = {d["id"]: d for d in texts["done"]}
+    check(f"{name}: what is obeyed, what is refused", [done[i]["ok"] for i in range(7)] ==
+          [True, False, True, True, True, False, False], done)  # fmt: skip
+    named = [done[i]["file"]["name"] for i in (0, 2, 3, 4)]
+    check(f"{name}: a name by the time", named[0] == named[3] and named[0].startswith("live-0000."), named)
+    check(f"{name}: no name of the page's", done[6]["message"].startswith("export: name: is not known"), done[6])
+    there = sorted(f for f in os.listdir(path(folder)) if "live" in f)
+    check(f"{name}: these files and no other", there == sorted(named[:3]), (there, named))
+    statuses = [s["file"] and s["file"]["name"] for s in texts["status"]]
+    check(f"{name}: statuses say what is recorded", set(statuses) == {None, named[0]}, statuses)
+    for number, read in ((4, rows_of_mcap), (3, rows_of_mcap), (2, rows_of_h5)):
+        file = done[number]["file"]
+        times, numbers = read(os.path.join(folder, file["name"]))
+        check(f"{name}: {file['name']}: as it was answered", (len(times), times[0], times[-1], file["lost_rows"]) ==
+              (file["rows"], round(1e9 * file["from_s"]), round(1e9 * file["to_s"]), 0), file)  # fmt: skip
+        compare_part(f"{name}: {file['name']}", times, numbers, telemetry, 200)
+    check(f"{name}: so many minutes", abs(done[2]["file"]["minutes"] - 0.01) < 1e-4 and
+          0.02 < done[3]["file"]["minutes"] < 0.05, done)  # fmt: skip
+
+
+def test_files():
+    """What a page records and exports of a run and of a session is what telemetry.h5 has."""
+    telemetry = ["--set", "telemetry_rate_hz=500"]
+    texts, _ = serve("files of a run", "files", [tribotwin, "run", scenario, "--realtime", "--quiet", "--set",
+                     "duration_s=3", *telemetry], answer=Records())  # fmt: skip
+    check_files("files of a run", "files", "files/telemetry.h5", texts)
+    os.mkdir(path("bench"))
+    texts, _ = serve("files of a session", "recorded", [hil, "drive", scenario, "--can", "memory:files", "--realtime",
+                     "--duration", "3", *telemetry, "--web-folder", "bench"], answer=Records())  # fmt: skip
+    check_files("files of a session", "bench", "recorded/telemetry.h5", texts)
+    check("files of a session: not in another folder", not any("live" in f for f in os.listdir(path("recorded"))))
+
+
+def test_interrupted_recording():
+    """A program that is interrupted closes what is recorded; its folder is that of the record."""
+    os.mkdir(path("cut"))
+    with open(path("cut.log"), "w") as log:
+        process = subprocess.Popen([hil, "drive", scenario, "--can", "memory:cut", "--realtime", "--record",
+                                    "cut/session.log", "--web", "127.0.0.1:0"], cwd=work, stderr=log)  # fmt: skip
+
+        def answer(text):
+            if text["type"] == "hello":
+                return [{"type": "command", "id": 1, "do": "record", "on": True}]
+            if text["type"] == "status" and text["simulated_s"] > 1.5:
+                process.send_signal(signal.SIGINT)
+            return []
+
+        try:
+            texts, _, _, end = watch(*web_address(path("cut.log")), answer=answer)
+            code = process.wait(PATIENCE_S)
+        finally:
+            process.kill()
+    check("interrupted: ends well", (code, end) == (0, 1001), content("cut.log"))
+    name = texts["done"][0]["file"]["name"]
+    there = sorted(os.listdir(path("cut")))
+    check("interrupted: the recording is there", there == sorted([name, "session.log", "session.log.session"]), there)
+    times, _ = rows_of_mcap(os.path.join("cut", name))
+    check("interrupted: it is whole", len(times) > 10 and len(set(times[1:] - times[:-1])) == 1, len(times))
+    check("interrupted: what came of it is told", any("recorded " + name in e["text"] for e in texts["event"]))
+
+
+def test_wrong_folders():
+    with open(path("a_file"), "w"):
+        pass
+    for folder in ("nowhere", "a_file"):
+        for program, command in ((tribotwin, ["run", scenario]), (hil, ["drive", scenario, "--can", "memory:w"])):
+            r = run(program, *command, "--quiet", "-o", "none", "--web", "127.0.0.1:0", "--web-folder", folder)
+            check_refused(f"{command[0]} --web-folder {folder}", r, f"--web-folder {folder}: is no folder")
+            check(f"{command[0]} --web-folder {folder}: nothing is written", not os.path.exists(path("none")))
+    for more in ([], ["--web", "127.0.0.1:0", "--web-readonly"]):
+        refused = run(tribotwin, "run", scenario, "--web-folder", ".", *more)
+        check_refused(f"--web-folder {more}", refused, "--web", lines=None)
 
 
 class Happens:
@@ -287,6 +419,11 @@ def test_events_of_a_session():
     again = run(hil, "replay", scenario, "happened.log", "--fast", "-o", "replayed", *telemetry)
     check("events: a replay repeats them", ": 0 differ, 0 missing, 0 added" in again.stdout, again.stderr)
     same_record("events: the replay", "session", "replayed")
+    told = lambda texts: [
+        (e["time_s"], e["kind"], e["joint"], e["text"]) for e in texts["event"] if e["kind"] != "note"
+    ]
+    shown, _ = serve("events: a shown replay", "shown", [hil, "replay", scenario, "happened.log", *telemetry])
+    check("events: the page of a replay tells them", told(shown) == told(texts), (told(shown), told(texts)))
     recorded = content("session/scenario.yaml")
     types = [e["type"] for e in yaml.safe_load(recorded)["events"]]
     check("events: a session has them in its record", types == TYPES, types)
@@ -357,6 +494,10 @@ test_vary()
 test_run()
 test_drive()
 test_pause()
+test_pause_of_a_session()
+test_wrong_folders()
+test_files()
+test_interrupted_recording()
 test_events()
 test_events_of_a_session()
 test_events_of_cycles()

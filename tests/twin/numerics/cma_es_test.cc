@@ -1,5 +1,7 @@
 #include <cmath>
 #include <stdexcept>
+#include <utility>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -15,37 +17,34 @@ double rosenbrock(const Eigen::VectorXd& z) {
   return sum;
 }
 
-Minimum found(unsigned threads, int evaluations) {
-  Gaussian gaussian(5);
-  return cma_es(rosenbrock, Eigen::VectorXd::Constant(4, -0.5), {.evaluations = evaluations, .threads = threads},
-                gaussian);
-}
-
 TEST(CmaEs, FindsTheMinimum) {
-  const Minimum m = found(2, 6000);
+  Gaussian gaussian(5);
+  const Minimum m = answered(cma_es(Eigen::VectorXd::Constant(4, -0.5), {.evaluations = 6000}, gaussian), rosenbrock);
   EXPECT_LT((m.z - Eigen::VectorXd::Ones(4)).norm(), 1e-3);
   EXPECT_LE(m.evaluations, 6000);
 }
 
-TEST(CmaEs, ThreadsChangeNoBit) {
-  const Minimum one = found(1, 500);
-  for (const unsigned threads : {2u, 3u, 8u, 13u}) {
-    const Minimum many = found(threads, 500);
-    EXPECT_EQ(many.objective, one.objective) << threads;
-    EXPECT_EQ(many.z, one.z) << threads;
-    EXPECT_EQ(many.evaluations, one.evaluations) << threads;
+TEST(CmaEs, AsksForAGenerationAtOnce) {
+  Gaussian gaussian(5);
+  Search search = cma_es(Eigen::VectorXd::Zero(3), {.population = 6, .evaluations = 20}, gaussian);
+  std::vector<std::size_t> asked;
+  while (!search.over()) {
+    Tried tried;
+    for (const auto& z : search.question().points) tried.values.push_back(z.squaredNorm());
+    asked.push_back(tried.values.size());
+    search.answer(std::move(tried));
   }
+  EXPECT_EQ(asked, (std::vector<std::size_t>{1, 6, 6, 6}));
+  EXPECT_EQ(search.outcome().evaluations, 19);
 }
 
 TEST(CmaEs, PassesOnWhatTheObjectiveThrows) {
-  for (const unsigned threads : {1u, 3u}) {
-    Gaussian gaussian(5);
-    const auto far = [](const Eigen::VectorXd& z) {
-      if (z(0) > 0.1) throw std::runtime_error("far");
-      return z.squaredNorm();
-    };
-    EXPECT_THROW(cma_es(far, Eigen::VectorXd::Zero(3), {.threads = threads}, gaussian), std::runtime_error);
-  }
+  Gaussian gaussian(5);
+  const auto far = [](const Eigen::VectorXd& z) {
+    if (z(0) > 0.1) throw std::runtime_error("far");
+    return z.squaredNorm();
+  };
+  EXPECT_THROW(answered(cma_es(Eigen::VectorXd::Zero(3), {}, gaussian), far), std::runtime_error);
 }
 
 }  // namespace

@@ -22,13 +22,11 @@ constexpr Place places[] = {Place::drive, Place::joint, Place::body, Place::cont
 
 /// Whose numbers a place has: the driven joints, the bodies, nobody's of a motion. The only joint has no name here.
 std::vector<std::string> owners_of(Place place, const mujoco::Model& model) {
-  std::vector<std::string> owners;
   if (place == Place::motion) return {""};
-  if (place == Place::body)
-    for (int body = 1; body < model->nbody; ++body) owners.emplace_back(mj_id2name(model.get(), mjOBJ_BODY, body));
-  else
-    for (const auto& drive : model.drives()) owners.push_back(joint_name(model.get(), drive));
-  return owners;
+  if (place != Place::body) return joint_names(model);
+  std::vector<std::string> bodies;
+  for (int body = 1; body < model->nbody; ++body) bodies.emplace_back(mj_id2name(model.get(), mjOBJ_BODY, body));
+  return bodies;
 }
 
 /// The number at `at`: a value or {start, low, high, sigma, scale}.

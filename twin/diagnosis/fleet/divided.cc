@@ -34,7 +34,7 @@ void divide(const ChunkWork& w, unsigned threads) {
     const std::size_t count = std::stoull(tasks);
     if (count == 0) return;
     Tasks list{.count = count, .identity = "fleet " + tasks, .work = w.work};
-    if (all.several()) list.input = [&](std::size_t task, const std::vector<std::string>&) { return w.input(task); };
+    if (all.several()) list.input = [&](std::size_t task) { return w.input(task); };
     const Outcome outcome = or_throw(carry_out(list, {.threads = threads}));
     if (!outcome.failures.empty())
       throw std::runtime_error(

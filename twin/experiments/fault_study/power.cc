@@ -174,17 +174,24 @@ Power from_bytes(const drive::FaultInfo& fault, const std::string& bytes) {
 
 Result<std::vector<Power>> power_of(const Campaign& campaign, const LevelStatistics& levels,
                                     const HealthyState& healthy, std::size_t draws, double false_alarm,
-                                    unsigned threads) {
+                                    const LabOptions& options) {
   const Joint joint(campaign, levels, healthy);
   const auto faults = drive::faults();
-  const Tasks tasks{
-      .count = faults.size(), .identity = campaign.resolved_yaml, .work = [&](std::size_t i, const std::string&) {
-        return power_of_one(joint, healthy, faults[i], draws, false_alarm).map(to_bytes);
-      }};
-  // What failed would fail again: the draws are a function of the seed.
-  const auto outcome = carry_out(tasks, {.threads = threads, .retries = 0});
+  const Tasks tasks{.count = faults.size(),
+                    .identity = campaign.resolved_yaml,
+                    .work =
+                        [&](std::size_t i, const std::string&) {
+                          return power_of_one(joint, healthy, faults[i], draws, false_alarm).map(to_bytes);
+                        },
+                    .own_processes = true};
+  const auto outcome = carry_out(tasks, {.threads = options.threads, .retries = options.retries});
   if (!outcome) return tl::unexpected(outcome.error());
-  if (!outcome->failures.empty()) return tl::unexpected(outcome->failures.front().error);
+  const auto name = [&](std::size_t i) { return fmt::format("power of {}", faults[i].name); };
+  const auto input = [&](std::size_t) { return fmt::format("{} draws, seed {}", draws, campaign.seed); };
+  const auto written =
+      ranks().on_root([&] { return write_failures(options.directory, outcome->failures, name, input); });
+  if (!written) return work_failed(written.error().message);
+  if (!outcome->failures.empty()) return work_failed(text_of(outcome->failures, name));
   std::vector<Power> all;
   for (std::size_t i = 0; i < faults.size(); ++i) all.push_back(from_bytes(faults[i], outcome->results[i]));
   return all;

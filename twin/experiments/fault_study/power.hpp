@@ -9,6 +9,7 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/diagnosis/check.hpp>
 #include <tribotwin/twin/experiments/friction/campaign.hpp>
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
 
 /// The smallest fault that is detected, and whether it is named correctly: Monte Carlo over curves of the law with the
 /// scatter of the campaign, thousands of times faster than the simulation of a test cycle.
@@ -30,10 +31,10 @@ struct Power {
   std::vector<Point> roc;
 };
 
-/// Every fault, at temperatures drawn from the learned range, `draws` curves per severity. Collective; `threads` as in
-/// ExecutorOptions. ErrorKind::work where a curve cannot be fitted.
+/// Every fault, at temperatures drawn from the learned range, `draws` curves per severity. Collective; each fault in
+/// a process of its own. ErrorKind::work where one failed: failures.csv in the folder of `options` lists those.
 Result<std::vector<Power>> power_of(const Campaign& campaign, const LevelStatistics& levels,
                                     const diagnosis::HealthyState& healthy, std::size_t draws, double false_alarm,
-                                    unsigned threads);
+                                    const LabOptions& options);
 
 }  // namespace tribotwin::twin::study

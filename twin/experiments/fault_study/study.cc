@@ -103,8 +103,8 @@ Json json_of(const Power& power) {
   return j;
 }
 
-Result<Json> verdicts(const Study& study, const Joint& joint, const fs::path& directory, unsigned threads) {
-  const auto all = observed(joint, directory);
+Result<Json> verdicts(const Study& study, const Joint& joint, const LabOptions& options) {
+  const auto all = observed(joint, options.directory);
   if (!all) return tl::unexpected(all.error());
   std::vector<ObservationFile> healthy;
   for (const auto& series : study.learn) healthy.push_back(of_series(*all, joint.campaign, series));
@@ -127,9 +127,9 @@ Result<Json> verdicts(const Study& study, const Joint& joint, const fs::path& di
     }
   }
   if (study.draws > 0) {
-    const auto power = power_of(joint.campaign, statistics_of(study, joint, directory), *state, study.draws,
-                                study.false_alarm, threads);
-    if (!power) return tl::unexpected(fmt::format("{}: {}", joint.name, power.error().message));
+    const auto power = power_of(joint.campaign, statistics_of(study, joint, options.directory), *state, study.draws,
+                                study.false_alarm, options);
+    if (!power) return work_failed(fmt::format("{}: {}", joint.name, power.error().message));
     for (const Power& one : *power) j["power"].push_back(json_of(one));
   }
   return j;
@@ -227,7 +227,7 @@ Result<LabSummary> run_study(const Study& study, const LabOptions& options) {
     sum.curves += summary->curves, sum.present += summary->present, sum.levels += summary->levels,
         sum.outside += summary->outside, sum.saturated += summary->saturated;
     if (summary->saturated > 0) sum.torque_limit_nm = summary->torque_limit_nm;
-    auto judged = verdicts(study, joint, own.directory, options.threads);
+    auto judged = verdicts(study, joint, own);
     if (!judged) return work_failed(judged.error().message);
     all[joint.name] = *std::move(judged);
   }

@@ -138,10 +138,11 @@ class Search {
     constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
     for (std::size_t j = 0; j < joints(); ++j) {
       Estimate e = out_.fit.lag[j];
-      const double rest = preparation_.lag_s[j] - e.value;
-      e.value += rest, e.sigma /= steps_[j].part;
-      e.low = e.value + (e.low + rest - e.value) / steps_[j].part;
-      e.high = e.value + (e.high + rest - e.value) / steps_[j].part;
+      const double rest = preparation_.lag_s[j] - e.value,
+                   wider = spread_of(out_.fit.lag_of_files, static_cast<Index>(j)).factor() / steps_[j].part;
+      e.value += rest, e.sigma *= wider;
+      e.low = e.value + (e.low + rest - e.value) * wider;
+      e.high = e.value + (e.high + rest - e.value) * wider;
       if (held_[j]) e.sigma = e.low = e.high = unknown, e.status = Status::held;
       out_.lag.push_back(e);
     }

@@ -29,7 +29,8 @@ struct TorqueLag {
 /// this fit finds at all: noise of the slopes makes it less than 1, for the sigma as well. Held at 0 and named: a lag
 /// whose sigma is more than a quarter of a period of the cut-off, one that does not come to rest, and one that half the
 /// cut-off puts more than three sigmas elsewhere (elasticity, or friction that the law does not know). Rows near
-/// reversals say nothing of the lag, even where they count: friction follows a reversal late by itself.
+/// reversals say nothing of the lag, even where they count: friction follows a reversal late by itself. Where files
+/// differ by more than their sigmas, the lag's own counts that.
 /// `preparation`'s own lags are where it starts. Errors as of prepare() and `fit`.
 Result<TorqueLag> torque_lag(std::span<const RobotRecording> recordings, const Regressor& regressor,
                              Preparation preparation, const LagFit& fit);

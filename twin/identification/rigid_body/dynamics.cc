@@ -11,7 +11,6 @@
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_problem.hpp>
 #include <tribotwin/twin/io/text.hpp>
-#include <tribotwin/twin/numerics/direction.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
 #include <tribotwin/twin/numerics/parallel.hpp>
@@ -73,40 +72,6 @@ double noise_of(const std::vector<double>& residual, Index parameters, Robust ro
   const auto middle = magnitude.begin() + static_cast<std::ptrdiff_t>(magnitude.size() / 2);
   std::ranges::nth_element(magnitude, middle);
   return 1.4826 * *middle;
-}
-
-/// Whether a rotor that acts on the joint turns within two periods of the cut-off. There torque says little of its lag:
-/// friction follows a reversal late by itself, and its step is recorded a part of a sample late.
-std::vector<bool> near_reversals(const Regressor& regressor, const JointMotion& motion, Index joint) {
-  constexpr double turning = 0.05, periods = 2;
-  std::vector<bool> out(static_cast<std::size_t>(motion.size()));
-  for (const auto& [first, last] : motion.segments)
-    for (Index i = first; i < last; ++i)
-      for (Index r = 0; r < regressor.rotors(); ++r) {
-        const double now = motion.direction(r, i), before = motion.direction(r, std::max(first, i - 1));
-        if (regressor.turns(r, joint) != 0 && (std::abs(std::abs(now) - 1) > turning || now * before < 0))
-          out[static_cast<std::size_t>(i)] = true;
-      }
-  return widened(out, static_cast<std::size_t>(std::ceil(periods / (motion.cutoff_hz * motion.period_s))));
-}
-
-/// Of predicted torques by time, from what is known beside each sample; 0 where nothing is, and near reversals.
-MatrixXd slope_of(const MatrixXd& torque, const Regressor& regressor, const JointMotion& motion) {
-  MatrixXd slope = MatrixXd::Zero(torque.rows(), torque.cols());
-  for (Index j = 0; j < torque.rows(); ++j) {
-    const std::vector<bool> left_out = near_reversals(regressor, motion, j);
-    for (const auto& [first, last] : motion.segments)
-      for (Index i = first; i < last; ++i) {
-        const auto known = [&, from = first, to = last](Index k) {
-          return k >= from && k < to && !std::isnan(torque(j, k));
-        };
-        const Index before = known(i - 1) ? i - 1 : i, after = known(i + 1) ? i + 1 : i;
-        if (left_out[static_cast<std::size_t>(i)] || !known(i) || before == after) continue;
-        slope(j, i) = (torque(j, after) - torque(j, before)) / (motion.time_s[static_cast<std::size_t>(after)] -
-                                                                motion.time_s[static_cast<std::size_t>(before)]);
-      }
-  }
-  return slope;
 }
 
 /// Friction of a rotor by its joint's torque, less what rigid bodies and other rotors need (`friction` at `now`) and
@@ -612,9 +577,10 @@ class Identification {
 
   /// Makes the lags unknown, to first order about 0.
   void add_lags() {
-    problem_.add_lags(slope_of(problem_.predicted(now_, MatrixXd::Zero(problem_.unknowns(), 1),
-                                                  std::vector<std::size_t>(problem_.blocks().size(), 0)),
-                               regressor_, motion_));
+    const MatrixXd predicted = problem_.predicted(now_, MatrixXd::Zero(problem_.unknowns(), 1),
+                                                  std::vector<std::size_t>(problem_.blocks().size(), 0));
+    out_.lag_of_files = lag_of_files(regressor_, motion_, predicted);
+    problem_.add_lags(slope_by_time(predicted, regressor_, motion_));
     for (Index j = 0; j < joints(); ++j)
       if (left_out(j)) problem_.fix(problem_.lag_at(j));
     pass_ = problem_.pass(now_, [&](Index j, double r) { return robust_weight(options_.robust, r / noise_(j)); });

@@ -83,7 +83,8 @@ struct DynamicsFit {
   /// Where asked for, per joint: how late its torque is behind its position [s], JointMotion::lag_s and what is left of
   /// it, which `parameters` do not count: torque_lag.hpp removes it. `held` where the torque does not tell.
   std::vector<Estimate> lag;
-  Eigen::MatrixXd information;  ///< of beta with free friction: inverse of its covariance; rows of 0 where held
+  std::vector<FileLag> lag_of_files;  ///< beside it, where it was asked for
+  Eigen::MatrixXd information;        ///< of beta with free friction: inverse of its covariance; rows of 0 where held
   /// R, upper triangular: changes x of these unknowns (base parameters, then friction rotor by rotor) enlarge the
   /// weighted sum of squares, prior included, by |R x|^2. Base parameters that are not identifiable are among them,
   /// those that an option excludes are not.

@@ -1,13 +1,37 @@
 #include <algorithm>
+#include <cmath>
+#include <map>
+#include <optional>
 
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/rigid_body/robot_torque.hpp>
+#include <tribotwin/twin/numerics/direction.hpp>
+#include <tribotwin/twin/numerics/distributions.hpp>
 #include <tribotwin/twin/numerics/parallel.hpp>
 
 namespace tribotwin::twin::identification {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+
+namespace {
+
+/// Whether a rotor that acts on the joint turns within two periods of the cut-off. There torque says little of its lag:
+/// friction follows a reversal late by itself, and its step is recorded a part of a sample late.
+std::vector<bool> near_reversals(const Regressor& regressor, const JointMotion& motion, Index joint) {
+  constexpr double turning = 0.05, periods = 2;
+  std::vector<bool> out(static_cast<std::size_t>(motion.size()));
+  for (const auto& [first, last] : motion.segments)
+    for (Index i = first; i < last; ++i)
+      for (Index r = 0; r < regressor.rotors(); ++r) {
+        const double now = motion.direction(r, i), before = motion.direction(r, std::max(first, i - 1));
+        if (regressor.turns(r, joint) != 0 && (std::abs(std::abs(now) - 1) > turning || now * before < 0))
+          out[static_cast<std::size_t>(i)] = true;
+      }
+  return widened(out, static_cast<std::size_t>(std::ceil(periods / (motion.cutoff_hz * motion.period_s))));
+}
+
+}  // namespace
 
 Result<RobotFriction> robot_friction(const mujoco::Model& model, const Regressor& regressor,
                                      const friction::LawInfo& law, Directional directional,
@@ -112,6 +136,86 @@ MatrixXd gear_load(const Regressor& regressor, const BaseParameters& base, const
   for (Index i = 0; i < load.cols(); ++i)
     for (Index j = 0; j < load.rows(); ++j) load(j, i) = regressor.load(j, rigid.col(i), motion.qdd.col(i));
   return load;
+}
+
+MatrixXd slope_by_time(const MatrixXd& torque, const Regressor& regressor, const JointMotion& motion) {
+  MatrixXd slope = MatrixXd::Zero(torque.rows(), torque.cols());
+  for (Index j = 0; j < torque.rows(); ++j) {
+    const std::vector<bool> left_out = near_reversals(regressor, motion, j);
+    for (const auto& [first, last] : motion.segments)
+      for (Index i = first; i < last; ++i) {
+        const auto known = [&, from = first, to = last](Index k) {
+          return k >= from && k < to && !std::isnan(torque(j, k));
+        };
+        const Index before = known(i - 1) ? i - 1 : i, after = known(i + 1) ? i + 1 : i;
+        if (left_out[static_cast<std::size_t>(i)] || !known(i) || before == after) continue;
+        slope(j, i) = (torque(j, after) - torque(j, before)) / (motion.time_s[static_cast<std::size_t>(after)] -
+                                                                motion.time_s[static_cast<std::size_t>(before)]);
+      }
+  }
+  return slope;
+}
+
+namespace {
+
+/// Of half a second of a joint: sums by which a lag shows.
+struct LagSums {
+  double product = 0;  ///< of the prediction's slope and what it is above the torque
+  double slopes = 0;   ///< of the slopes of prediction and torque, whose noise is not one
+};
+
+/// Nothing where too little of the file tells.
+std::optional<FileLag> lag_of(std::size_t file, Index joint, const std::vector<LagSums>& parts, double removed_s) {
+  constexpr std::ptrdiff_t least_parts = 8;
+  double product = 0, slopes = 0, squares = 0, count = 0;
+  for (const LagSums& part : parts) product += part.product, slopes += part.slopes, count += part.slopes != 0;
+  if (count < least_parts || !(slopes > 0)) return {};
+  const double lag_s = product / slopes;
+  for (const LagSums& part : parts) squares += std::pow(part.product - lag_s * part.slopes, 2);
+  return FileLag{file, joint, removed_s + lag_s, std::sqrt(squares * count / (count - 1)) / slopes};
+}
+
+}  // namespace
+
+std::vector<FileLag> lag_of_files(const Regressor& regressor, const JointMotion& motion, const MatrixXd& predicted) {
+  constexpr double part_s = 0.5;
+  const MatrixXd slope = slope_by_time(predicted, regressor, motion);
+  std::vector<FileLag> out;
+  for (Index j = 0; j < predicted.rows(); ++j) {
+    std::map<std::size_t, std::vector<LagSums>> of_file;
+    for (std::size_t s = 0; s < motion.segments.size() && !motion.is_left_out(j); ++s) {
+      const auto [first, last] = motion.segments[s];
+      std::vector<LagSums>& parts = of_file[motion.file[s]];
+      double until_s = 0;
+      for (Index i = first; i < last; ++i) {
+        const double now_s = motion.time_s[static_cast<std::size_t>(i)];
+        if (i == first || now_s >= until_s) parts.emplace_back(), until_s = now_s + part_s;
+        if (slope(j, i) == 0 || i == first || i + 1 == last || !motion.moving(j, i)) continue;
+        const double span_s =
+            motion.time_s[static_cast<std::size_t>(i + 1)] - motion.time_s[static_cast<std::size_t>(i - 1)];
+        parts.back().product += slope(j, i) * (predicted(j, i) - motion.torque(j, i));
+        parts.back().slopes += slope(j, i) * (motion.torque(j, i + 1) - motion.torque(j, i - 1)) / span_s;
+      }
+    }
+    const double removed_s = motion.lag_s.empty() ? 0 : motion.lag_s[static_cast<std::size_t>(j)];
+    for (const auto& [file, parts] : of_file)
+      if (const auto found = lag_of(file, j, parts, removed_s)) out.push_back(*found);
+  }
+  return out;
+}
+
+double LagSpread::chance() const { return files > 1 ? chi_squared_above(files - 1, squares) : 1; }
+double LagSpread::factor() const { return files > 1 ? std::sqrt(std::max(1.0, squares / (files - 1))) : 1; }
+
+LagSpread spread_of(std::span<const FileLag> lags, Index joint) {
+  double weights = 0, sum = 0;
+  LagSpread out;
+  for (const FileLag& lag : lags)
+    if (lag.joint == joint)
+      weights += 1 / (lag.sigma_s * lag.sigma_s), sum += lag.value_s / (lag.sigma_s * lag.sigma_s);
+  for (const FileLag& lag : lags)
+    if (lag.joint == joint) out.squares += std::pow((lag.value_s - sum / weights) / lag.sigma_s, 2), ++out.files;
+  return out;
 }
 
 }  // namespace tribotwin::twin::identification

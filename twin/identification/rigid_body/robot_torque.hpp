@@ -59,4 +59,28 @@ Eigen::MatrixXd predicted_torque(const Regressor& regressor, const BaseParameter
 Eigen::MatrixXd gear_load(const Regressor& regressor, const BaseParameters& base, const Eigen::VectorXd& parameters,
                           const JointMotion& motion, unsigned threads);
 
+/// Slope of predicted torques by time [Nm/s; N/s], from what is known beside each sample. 0 where nothing is (NaN), and
+/// within two periods of the cut-off of a reversal, where torque says little of a lag.
+Eigen::MatrixXd slope_by_time(const Eigen::MatrixXd& torque, const Regressor& regressor, const JointMotion& motion);
+
+/// How late a joint's torque is in one recording [s], < 0: early.
+struct FileLag {
+  std::size_t file;
+  Eigen::Index joint;
+  double value_s, sigma_s;
+};
+/// Of every file and joint with at least four seconds of motion, against predicted torques; what was removed before
+/// (JointMotion::lag_s) counts. Sigma by the scatter between half seconds, so errors of the prediction are in it.
+std::vector<FileLag> lag_of_files(const Regressor& regressor, const JointMotion& motion,
+                                  const Eigen::MatrixXd& predicted);
+
+/// How much a joint's lags differ from file to file.
+struct LagSpread {
+  int files = 0;
+  double squares = 0;     ///< about their weighted mean, in units of their sigmas
+  double chance() const;  ///< that they differ as much where the lag is one
+  double factor() const;  ///< by which the sigma of their mean is to be enlarged, >= 1
+};
+LagSpread spread_of(std::span<const FileLag> lags, Eigen::Index joint);
+
 }  // namespace tribotwin::twin::identification

@@ -91,18 +91,18 @@ Problem beyond_torque_max(const fs::path& file, std::span<const double> friction
       file.string(), largest, options.torque_max_nm);
 }
 
-struct CurveColumns {
+struct LevelColumns {
   std::vector<double> speed, friction, load, temperature, error, curve;
   std::vector<double> forward = {}, backward = {};  ///< empty, or of each level, NaN where not known
 };
 
 /// Half of what friction of the forward direction is above that of the backward one, in the unit of the file.
-double difference_of(const CurveColumns& c, std::size_t i) {
+double difference_of(const LevelColumns& c, std::size_t i) {
   return c.forward.empty() || c.backward.empty() ? std::nan("") : 0.5 * (c.forward[i] - c.backward[i]);
 }
 
 /// Appends one file's curves.
-Problem append(Samples& s, const fs::path& file, const CurveColumns& c, const Units& u, bool is_norm) {
+Problem append(Samples& s, const fs::path& file, const LevelColumns& c, const Units& u, bool is_norm) {
   const std::size_t n = c.speed.size();
   const bool weighted = !c.error.empty() && std::ranges::all_of(c.error, [](double e) { return e > 0; });
   if (!c.error.empty() && !weighted)
@@ -240,7 +240,7 @@ Problem append_levels(Samples& samples, const fs::path& file, const JointRecordi
   if (!levels->left_out.empty())
     samples.notes.push_back(fmt::format("{}: {} stretches of constant speed are no levels, the first: {}",
                                         file.string(), levels->left_out.size(), levels->left_out.front()));
-  CurveColumns c;
+  LevelColumns c;
   for (const Level& level : levels->levels) {
     c.speed.push_back(level.speed_rad_s * o.gear_ratio);
     c.friction.push_back(level.friction_nm);
@@ -381,7 +381,60 @@ void forget_unknown_directions(Samples& s) {
   if (std::ranges::none_of(s.difference, [](double d) { return std::isfinite(d); })) s.difference.clear();
 }
 
+Problem append_table(Samples& samples, const Numbers& table, bool series, const friction::LawInfo& law,
+                     const ReadOptions& options) {
+  samples.notes.insert(samples.notes.end(), table.notes.begin(), table.notes.end());
+  if (table.left_out)
+    samples.notes.push_back(
+        fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in {} {}",
+                    table.file.string(), table.left_out, table.row, table.first_left_out));
+  samples.left_out += table.left_out;
+  if (const Problem p = series ? read_series(samples, table, law, options) : read_curves(samples, table, law, options))
+    return p;
+  if (3 * table.left_out > table.columns[0].size() + table.left_out)
+    return fmt::format("{}: {} of {} rows hold no finite numbers; what is left may not be a fair sample",
+                       table.file.string(), table.left_out, table.columns[0].size() + table.left_out);
+  return {};
+}
+
+/// Columns in memory, as a table that was read: rows with a cell that is no finite number are left out. A sentence
+/// where lengths differ.
+Result<Numbers> table_of(const CurveColumns& c, const std::string& name) {
+  const std::vector<double>* given[] = {&c.speed_rad_s,      &c.friction_norm, &c.friction_nm, &c.load_norm,
+                                        &c.temperature_degC, &c.stderr_norm,   &c.stderr_nm,   &c.curve};
+  const std::size_t rows = c.speed_rad_s.size();
+  Numbers table{.file = name, .names = {}, .header = {}, .row = "row"};
+  table.columns.resize(curve_columns.size());
+  for (std::size_t k = 0; k < std::size(given); ++k) {
+    if (given[k]->empty() && rows > 0) continue;
+    if (given[k]->size() != rows)
+      return tl::unexpected(fmt::format("{}: {} has {} values but speed_rad_s has {}; one per level is needed", name,
+                                        curve_columns[k], given[k]->size(), rows));
+    table.names.push_back(curve_columns[k]);
+  }
+  table.header = joined(table.names);
+  for (std::size_t i = 0; i < rows; ++i) {
+    const bool finite =
+        std::ranges::all_of(given, [&](const auto* column) { return column->empty() || std::isfinite((*column)[i]); });
+    if (!finite && table.left_out++ == 0) table.first_left_out = i + 1;
+    for (std::size_t k = 0; finite && k < std::size(given); ++k)
+      if (!given[k]->empty()) table.columns[k].push_back((*given[k])[i]);
+    if (finite) table.lines.push_back(i + 1);
+  }
+  return table;
+}
+
 }  // namespace
+
+Result<Samples> samples_of(const CurveColumns& columns, const std::string& name, const friction::LawInfo& law,
+                           const ReadOptions& options) {
+  const auto table = table_of(columns, name);
+  if (!table) return tl::unexpected(table.error());
+  Samples samples;
+  if (const Problem p = append_table(samples, *table, false, law, options)) return tl::unexpected(*p);
+  forget_unknown_directions(samples);
+  return samples;
+}
 
 Result<Samples> read_samples(std::span<const fs::path> files, const friction::LawInfo& law,
                              const ReadOptions& options) {
@@ -396,19 +449,7 @@ Result<Samples> read_samples(std::span<const fs::path> files, const friction::La
     if (!opened) return tl::unexpected(opened.error());
     const Numbers* table = &opened->table;
     const bool series = opened->series;
-    samples.notes.insert(samples.notes.end(), table->notes.begin(), table->notes.end());
-    if (table->left_out)
-      samples.notes.push_back(
-          fmt::format("{}: {} rows with empty, NaN or infinite cells are left out, the first in {} {}", file.string(),
-                      table->left_out, table->row, table->first_left_out));
-    samples.left_out += table->left_out;
-    if (const Problem p =
-            series ? read_series(samples, *table, law, options) : read_curves(samples, *table, law, options))
-      return tl::unexpected(*p);
-    if (3 * table->left_out > table->columns[0].size() + table->left_out)
-      return tl::unexpected(
-          fmt::format("{}: {} of {} rows hold no finite numbers; what is left may not be a fair sample", file.string(),
-                      table->left_out, table->columns[0].size() + table->left_out));
+    if (const Problem p = append_table(samples, *table, series, law, options)) return tl::unexpected(*p);
   }
   forget_unknown_directions(samples);
   return samples;

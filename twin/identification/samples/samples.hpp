@@ -51,4 +51,14 @@ struct ReadOptions {
 Result<Samples> read_samples(std::span<const std::filesystem::path> files, const friction::LawInfo& law,
                              const ReadOptions& options);
 
+/// Friction curves in memory, under the names of a curve file; of one length or empty. Without `curve`, curves are told
+/// apart as in a file.
+struct CurveColumns {
+  std::vector<double> speed_rad_s, load_norm, temperature_degC, friction_norm, friction_nm, stderr_norm, stderr_nm,
+      curve;
+};
+/// The same as read_samples of a curve file with these columns; messages call them `name`.
+Result<Samples> samples_of(const CurveColumns& columns, const std::string& name, const friction::LawInfo& law,
+                           const ReadOptions& options);
+
 }  // namespace tribotwin::twin::identification

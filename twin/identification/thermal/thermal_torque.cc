@@ -122,7 +122,9 @@ VectorXd global_search(const TorqueProblem& problem) {
     return (problem.residual(inside).squaredNorm() + 1e-12) * (1 + (x - inside).squaredNorm());
   };
   return problem.clamped(
-      cma_es(cost, start, {.population = 12, .first_step = 0.5, .last_step = 1e-3, .evaluations = 4000}, gaussian).z);
+      answered(cma_es(start, {.population = 12, .first_step = 0.5, .last_step = 1e-3, .evaluations = 4000}, gaussian),
+               cost)
+          .z);
 }
 
 /// `slower_log_t`: where the second node's time constant is given.

@@ -31,7 +31,8 @@ constexpr std::pair<const char*, const char*> placeholders[] = {
     {"--store", "FILE"},       {"--joint-temperature", "JOINT=DEGC"},
     {"--thermal", "FILE"},     {"--wrench", "FILE"},
     {"--color", "WHEN"},       {"--payload", "FILE=KNOWN"},
-    {"--web", "ADDRESS:PORT"},
+    {"--web", "ADDRESS:PORT"}, {"--web-folder", "DIR"},
+    {"--c", "FILE"},
 };
 
 }  // namespace

@@ -1,10 +1,12 @@
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <optional>
 
 #include <tribotwin/twin/io/mcap/joint_json.hpp>
 #include <tribotwin/twin/io/mcap/joint_states.hpp>
 #include <tribotwin/twin/io/mcap/writer.hpp>
+#include <tribotwin/twin/io/telemetry/mcap_rows.hpp>
 #include <tribotwin/twin/io/telemetry/reader.hpp>
 
 namespace tribotwin::twin {
@@ -154,30 +156,87 @@ Status write_tables(const Reader& r, Topics& samples, Topics& cycles, const std:
   return r.cycles.rows > 0 ? write_rows(r, r.cycles, cycles, {}) : Status{};
 }
 
-Status write_ros2(mcap::Writer& writer, const Reader& r, const std::function<void(double)>& progress) {
-  Topics samples(writer, r.head, r.head.channels), cycles(writer, r.head, r.head.cycle_channels);
+Topics sample_topics(mcap::Writer& writer, const Recording& head) {
+  Topics samples(writer, head, head.channels);
   samples.add_joint_states("/joint_states");
   samples.add_dynamic_joint_states("/dynamic_joint_states");
+  return samples;
+}
+JsonTopics json_sample_topics(mcap::Writer& writer, const Recording& head) {
+  return {writer, head, head.channels, head.units, ""};
+}
+
+Status write_ros2(mcap::Writer& writer, const Reader& r, const std::function<void(double)>& progress) {
+  Topics samples = sample_topics(writer, r.head), cycles(writer, r.head, r.head.cycle_channels);
   if (r.cycles.rows > 0) cycles.add_dynamic_joint_states("/cycle_states");
   return write_tables(r, samples, cycles, progress);
 }
 
 Status write_json(mcap::Writer& writer, const Reader& r, const std::function<void(double)>& progress) {
-  JsonTopics samples(writer, r.head, r.head.channels, r.head.units, "");
+  JsonTopics samples = json_sample_topics(writer, r.head);
   if (r.cycles.rows == 0) return write_rows(r, r.samples, samples, progress);
   JsonTopics cycles(writer, r.head, r.head.cycle_channels, {}, "/cycles");
   return write_tables(r, samples, cycles, progress);
 }
 
+mcap::Writer begun(mcap::Writer::Sink sink, const Recording& head, McapMessages messages) {
+  mcap::Writer writer(std::move(sink), messages == McapMessages::json ? "" : "ros2", "tribotwin");
+  writer.add_metadata("tribotwin", metadata_of(head));
+  return writer;
+}
+
 Status write_mcap(NewFile& out, const Reader& r, McapMessages messages, const std::function<void(double)>& progress) {
+  mcap::Writer writer = begun([&](std::string_view bytes) { return out.write(bytes); }, r.head, messages);
   const bool json = messages == McapMessages::json;
-  mcap::Writer writer([&](std::string_view bytes) { return out.write(bytes); }, json ? "" : "ros2", "tribotwin");
-  writer.add_metadata("tribotwin", metadata_of(r.head));
   if (auto ok = (json ? write_json : write_ros2)(writer, r, progress); !ok) return ok;
   return writer.finish();
 }
 
+/// The head that a telemetry.h5 with these options has while it grows.
+Recording head_of(const TelemetryOptions& o) {
+  Recording head{.attributes = o.attributes,
+                 .joints = o.joints,
+                 .joint_attributes = o.joint_attributes,
+                 .channels = o.channels,
+                 .units = o.units};
+  head.joint_attributes.resize(o.joints.size());
+  return head;
+}
+
 }  // namespace
+
+struct McapRows::Impl {
+  using Write = std::function<Status(double time_s, std::span<const double> row)>;
+  Recording head;
+  mcap::Writer writer;
+  Write write;
+
+  Impl(mcap::Writer::Sink sink, Recording of, McapMessages messages)
+      : head(std::move(of)),
+        writer(begun(std::move(sink), head, messages)),
+        write(messages == McapMessages::json ? through(json_sample_topics(writer, head))
+                                             : through(sample_topics(writer, head))) {}
+
+  template <class Topics>
+  static Write through(Topics topics) {
+    return [topics = std::make_shared<Topics>(std::move(topics))](double time_s, std::span<const double> row) {
+      return topics->write(time_s, row);
+    };
+  }
+};
+
+McapRows::McapRows(std::function<Status(std::string_view)> sink, const TelemetryOptions& options, McapMessages messages)
+    : impl_(std::make_unique<Impl>(std::move(sink), head_of(options), messages)) {}
+McapRows::McapRows(McapRows&&) noexcept = default;
+McapRows::~McapRows() = default;
+
+Status McapRows::write(double time_s, std::span<const double> row) try {
+  return impl_->write(time_s, row);
+} catch (const Failure& failure) {
+  return work_failed(failure.what());
+}
+
+Status McapRows::finish() { return impl_->writer.finish(); }
 
 Result<void> export_mcap(const fs::path& run_dir, const fs::path& file, Existing existing, McapMessages messages,
                          const std::function<void(double)>& progress) {

@@ -1,5 +1,6 @@
 // Commands: one form for each that hello.commands names, and what the program answered.
-import { byId, element } from './dom.js';
+import { byId, element, setText } from './dom.js';
+import { number, showNumber } from './format.js';
 
 const answersKept = 20, patience_ms = 5000;
 
@@ -22,6 +23,7 @@ const inputs = {
   factor: ['factor', { min: 0, max: 1000, step: 'any', value: 1.2 }],
   severity: ['severity', { min: 0, step: 'any', value: 0.1 }],
   growth_per_h: ['growth [1/h]', { min: 0, max: 1e6, step: 'any', value: 0 }],
+  minutes: ['last minutes', { min: 0.001, max: 1e6, step: 'any', value: 5 }],
 };
 const surroundings = ['surroundings [°C]', { min: -100, max: 300, step: 'any', value: 25 }];
 
@@ -30,11 +32,13 @@ function numberInput(name, [label, limits] = inputs[name]) {
   return element('label', { 'data-key': name }, label + ' ', input);
 }
 
+const messageKinds = [['ros2', 'ROS 2'], ['json', 'JSON']];
+
 const choice = (name, label, options) => element('label', { 'data-key': name }, label + ' ', element('select', { name },
   ...options.map(([value, text]) => element('option', { value, textContent: text }))));
 
 const simple = {
-  pause: { button: 'Pause simulation' }, resume: { button: 'Resume simulation' },
+  pause: { button: 'Pause' }, resume: { button: 'Resume' },
   step: { button: 'Step', numbers: ['cycles'] }, payload: { button: 'Set payload', numbers: ['mass_kg'] },
 };
 
@@ -55,7 +59,7 @@ export class Acting {
 
   form(name) {
     const special = { marker: 'markerParts', fault: 'faultParts', ambient: 'ambientParts', wear: 'wearParts',
-      joint_fault: 'jointFaultParts' };
+      joint_fault: 'jointFaultParts', record: 'recordParts', export: 'exportParts' };
     const parts = special[name] ? this[special[name]]() : this.simpleParts(name);
     if (!parts) return null;  // a command of a later program, which this page does not know
     const form = element('form', { 'data-do': name }, ...parts);
@@ -69,7 +73,9 @@ export class Acting {
   simpleParts(name) {
     const row = simple[name];
     if (!row) return null;
-    return [...(row.numbers ?? []).map((key) => numberInput(key)), element('button', { textContent: row.button })];
+    const label = this.hello.program === 'drive' ? 'cycles' : 'rows';  // what a step is
+    const input = (key) => numberInput(key, key === 'cycles' ? [label, inputs[key][1]] : inputs[key]);
+    return [...(row.numbers ?? []).map(input), element('button', { textContent: row.button })];
   }
 
   ambientParts() {
@@ -102,6 +108,48 @@ export class Acting {
       element('button', { textContent: 'Damage' })];
   }
 
+  /// One button that begins and ends it, and what is recorded.
+  recordParts() {
+    const messages = choice('messages', 'messages', messageKinds), button = element('button');
+    const row = (name, label) => {
+      const value = number(name);
+      return { value, root: element('div', {}, element('dt', { textContent: label }), element('dd', {}, value)) };
+    };
+    const numbers = { rows: row('file.rows', 'rows'), lost_rows: row('file.lost_rows', 'rows lost'),
+      minutes: row('file.minutes', 'minutes') };
+    const name = element('p', { className: 'recorded' });
+    const list = element('dl', {}, ...Object.values(numbers).map(({ root }) => root));
+    this.recording = { messages, button, name, list, numbers, on: false };
+    this.showRecording(null);
+    return [messages, button, element('div', { className: 'wide' }, name, list)];
+  }
+
+  showRecording(file) {
+    const { recording } = this;
+    if (!recording) return;
+    recording.on = Boolean(file);
+    setText(recording.button, file ? 'Stop recording' : 'Start recording');
+    recording.messages.hidden = recording.messages.lastChild.disabled = recording.on;
+    recording.list.hidden = !recording.on;
+    setText(recording.name, file ? `● ${file.name} gets all rows` : 'No page records.');
+    for (const [key, unit] of [['rows', ''], ['lost_rows', ''], ['minutes', 'min']])
+      showNumber(recording.numbers[key].value, file?.[key], unit);
+    recording.numbers.lost_rows.root.classList.toggle('bad', file?.lost_rows > 0);
+  }
+
+  exportParts() {
+    const format = choice('format', 'format', [['h5', 'telemetry (HDF5)'], ['mcap', 'MCAP']]);
+    const messages = choice('messages', 'messages', messageKinds);
+    const fit = () => { messages.hidden = messages.lastChild.disabled = format.lastChild.value !== 'mcap'; };
+    format.lastChild.addEventListener('change', fit);
+    fit();
+    return [numberInput('minutes'), format, messages, element('button', { textContent: 'Export' })];
+  }
+
+  show(status) {
+    this.showRecording(status?.file ?? null);
+  }
+
   markerParts() {
     const input = element('input', { name: 'text', required: true, maxLength: 200, id: 'marker_text' });
     input.autocomplete = 'off';
@@ -130,6 +178,7 @@ export class Acting {
 
   command(name, form) {
     const message = { type: 'command', id: ++this.count, do: name };
+    if (name === 'record') message.on = !this.recording.on;
     for (const input of form.elements)
       if (input.name && !input.disabled && input.value !== '')
         message[input.name] = input.type === 'number' ? input.valueAsNumber : input.value;

@@ -4,7 +4,7 @@ import { Buses } from './bus.js';
 import { Connection } from './connection.js';
 import { byId, setText } from './dom.js';
 import { Events } from './events.js';
-import { duration, number, showNumber } from './format.js';
+import { number, showDuration, showNumber } from './format.js';
 import { Friction } from './friction.js';
 import { Plots } from './plots.js';
 import { Ring } from './rows.js';
@@ -16,7 +16,8 @@ const drawingShare = 2;    // of the time at most half goes into drawing
 
 const page = { hello: null, status: null, link: { up: false, text: 'connecting' }, problem: null };
 page.scene = new Scene((joint) => choose(joint));
-const counts = { rows: number('rows'), lost: number('rows_lost') };
+const counts = { rows: number('rows'), lost: number('rows_lost'), events: number('events_lost') };
+const clocks = { simulated: number('simulated_s'), wall: number('wall_s') };
 
 /// A hello of another session, or of other columns, begins anew; that of the same session goes on.
 function begin(hello) {
@@ -60,7 +61,10 @@ function build(hello) {
 const messages = {
   hello: begin,
   status: (status) => { page.status = status; },
-  event: (event) => page.events?.add(event),
+  event: (event) => {
+    page.events?.add(event);
+    page.plots?.mark();
+  },
   law: (law) => page.friction?.accept(law),
   done: (answer) => {
     if (answer.id === null && !answer.ok && page.friction) page.friction.refusal = answer.message;
@@ -86,16 +90,20 @@ function showText() {
     const drives = page.tiles.show(status, newest);
     wrong.push(...drives, ...page.buses.show(status));
     page.scene.show(newest, drives, page.tiles.warmest);
-    setText(byId('simulated'), duration(status?.simulated_s));
-    byId('simulated').title = status ? `${status.simulated_s} s` : '';
-    setText(byId('wall'), duration(status?.wall_s));
+    byId('drives').dataset.row = ring.last < 0 ? '' : ring.number(ring.last);  // whose numbers the tiles show
+    showDuration(clocks.simulated, status?.simulated_s);
+    showDuration(clocks.wall, status?.wall_s);
     const recording = status?.recording ? ', recording' : '';
     setText(byId('run_state'), status ? (status.paused ? 'paused' : 'running') + recording : '–');
     showNumber(counts.rows, ring.received, '');
     showNumber(counts.lost, ring.lost, '');
     byId('lost').classList.toggle('bad', ring.lost > 0);
+    showNumber(counts.events, status?.lost_events, '');
+    byId('lost_events').parentElement.hidden = !(status?.lost_events > 0);
+    page.acting.show(status);
     page.plots.limit_nm = status?.residual?.find((residual) => residual.limit_nm !== null)?.limit_nm;
     page.plots.showKept();
+    page.plots.showCursor();
     if (ring.last >= 0) page.events.draw(ring.time(ring.begin), ring.time(ring.last));
   }
   showWrong(wrong);
@@ -108,12 +116,12 @@ function frame(now) {
     const begin = performance.now();
     const fresh = page.ring.written !== drawnRows, { plots } = page;
     if ((fresh && !plots.fixed) || plots.dirty) plots.draw();
-    if (fresh) page.friction.draw();
     drawnRows = page.ring.written;
     nextDrawing = now + (drawingShare - 1) * (performance.now() - begin);
   }
   page.scene.draw(now);
   if (now >= nextText) {
+    page.friction?.draw();
     showText();
     nextText = now + textEvery_ms;
   }
@@ -136,18 +144,27 @@ matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
   page.scene.retheme();
 });
 
-// On paper the histories keep the height that they were drawn with.
-const keepHeights = (keep) => {
-  for (const area of document.querySelectorAll('.area')) area.style.height = keep ? `${area.clientHeight}px` : '';
-};
-addEventListener('beforeprint', () => {
-  keepHeights(true);
-  page.scene.print();
-});
-addEventListener('afterprint', () => keepHeights(false));
+/// On paper all is drawn, in dark on white, and canvases keep their shape.
+function print(begins) {
+  document.documentElement.classList.toggle('printed', begins);
+  page.plots?.retheme();
+  page.friction?.draw();
+  for (const drawn of document.querySelectorAll('.area, #friction_canvas')) {
+    const { clientWidth: width, clientHeight: height } = drawn;
+    Object.assign(drawn.style, begins ? { width: `${width}px`, aspectRatio: `${width} / ${height}` }
+      : { width: '', aspectRatio: '' });
+  }
+  page.scene.retheme();
+  if (begins) page.scene.print();
+}
+addEventListener('beforeprint', () => print(true));
+addEventListener('afterprint', () => print(false));
 
 byId('rows').append(counts.rows);
 byId('lost').append(counts.lost);
+byId('lost_events').append(counts.events);
+byId('simulated').append(clocks.simulated);
+byId('wall').append(clocks.wall);
 byId('retry').onclick = () => page.connection.retry();
 page.connection = new Connection({
   message: (message) => messages[message.type]?.(message),

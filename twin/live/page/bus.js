@@ -1,5 +1,5 @@
 // What the buses carry: load, SYNC, answers to it, frames.
-import { byId, drawing, element, grouped, setText } from './dom.js';
+import { byId, drawing, element, grouped, setBar, setText } from './dom.js';
 import { isNumber, number, rounded, showNumber } from './format.js';
 
 const rows = [
@@ -11,6 +11,11 @@ const rows = [
   ['bit rate', 'bit_rate', 'bit/s'],
 ];
 
+// A bus may be called socketcand://127.0.0.1:29537/can0.
+const placeOf = (name) => 'bus_' + name.replace(/[^\w-]+/g, '_');
+
+const barsHeight = 96, digitWidth = 7.6;  // in a text of 12 px
+
 class Bus {
   constructor(name) {
     this.name = name;
@@ -19,8 +24,10 @@ class Bus {
       entry.row = element('div', {}, element('dt', { textContent: entry.label }), element('dd', {}, entry.value));
     this.bar = element('span', { className: 'bar' });
     this.histogram = element('div', { className: 'histogram' });
+    this.size = new ResizeObserver(([{ contentRect }]) => { this.width = Math.floor(contentRect.width) || 400; });
+    this.size.observe(this.histogram);
     this.caption = element('figcaption');
-    this.root = element('article', { className: 'card bus', id: 'bus_' + name },
+    this.root = element('article', { className: 'card bus', id: placeOf(name), 'data-name': name },
       element('h2', { textContent: `Bus ${name}` }),
       element('div', { className: 'track', 'aria-hidden': 'true' }, this.bar),
       element('dl', {}, ...this.values.map((entry) => entry.row)),
@@ -36,31 +43,52 @@ class Bus {
       row.classList.toggle('bad', key === 'lost' && shown > 0);
       showNumber(value, shown, unit);
     }
-    this.bar.style.width = `${Math.min(100, flat.load_percent ?? 0)}%`;
+    setBar(this.bar, bus.load);
+    this.bar.parentElement.hidden = !isNumber(bus.load);
     this.showHistogram(bus.sync_to_tpdo_us?.histogram ?? []);
   }
 
   showHistogram(bins) {
-    const key = JSON.stringify(bins);
+    const width = this.width ?? 400, key = JSON.stringify([bins, width]);
     if (key === this.key) return;
     this.key = key;
     const most = Math.max(1, ...bins.map((bin) => bin[1]));
-    const width = 400, height = 110, each = width / Math.max(1, bins.length);
+    const each = width / Math.max(1, bins.length);
     const bars = bins.map(([upper_us, count], i) => {
-      const tall = count ? Math.max(1, (count / most) * (height - 18)) : 0;
+      const tall = count ? Math.max(1, (count / most) * (barsHeight - 6)) : 0;
       const wide = Math.max(0.5, each - 1);
-      const bar = drawing('rect', { x: i * each + 0.5, y: height - tall, width: wide, height: tall });
+      const bar = drawing('rect', { x: i * each + 0.5, y: barsHeight - tall, width: wide, height: tall });
       bar.classList.add('bin');
       const lower = i ? `from ${bins[i - 1][0]} ` : '';
       bar.append(drawing('title'));
       bar.firstChild.textContent = `${lower}${upper_us === null ? '' : `below ${upper_us} `}µs: ${count}`;
       return bar;
     });
-    this.histogram.replaceChildren(drawing('svg', { viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: 'none',
-      role: 'img', 'aria-label': 'Histogram of the time from SYNC to TPDO' }, ...bars));
-    const edges = bins.map((bin) => bin[0]).filter(isNumber);
-    setText(this.caption, bins.length ? 'TPDOs over their time from SYNC [µs]: bins below ' +
-      `${edges[0]} … ${edges.at(-1)} µs, tallest ${grouped(most)}` : 'no time from SYNC to TPDO yet');
+    const height = barsHeight + 20;
+    this.histogram.replaceChildren(drawing('svg', { width, height, viewBox: `0 0 ${width} ${height}`, role: 'img',
+      'aria-label': 'Histogram of the time from SYNC to TPDO' },
+    drawing('line', { x1: 0, x2: width, y1: barsHeight + 0.5, y2: barsHeight + 0.5 }), ...bars,
+    ...this.edges(bins, each, width)));
+    setText(this.caption, bins.length ? 'TPDOs over their time from SYNC, in bins that end at the values below them; ' +
+      `the tallest has ${grouped(most)}` : 'no time from SYNC to TPDO yet');
+  }
+
+  /// Where bins end, as far as there is room; the last one always, with the unit.
+  edges(bins, each, width) {
+    const limits = bins.map(([limit], i) => ({ text: String(limit), limit, x: (i + 1) * each })).filter((edge) =>
+      edge.limit !== null);
+    if (limits.length) limits.at(-1).text += '\u00a0µs';
+    const out = [];
+    let free = width;
+    for (const { text, x } of limits.reverse()) {
+      const wide = text.length * digitWidth, from = Math.min(x - wide / 2, width - wide);
+      if (from < 0 || from + wide > free) continue;
+      free = from - 8;
+      out.push(drawing('line', { x1: Math.min(x, width - 0.5), x2: Math.min(x, width - 0.5), y1: barsHeight,
+        y2: barsHeight + 5 }), drawing('text', { x: from, y: barsHeight + 17, class: 'edge' }));
+      out.at(-1).textContent = text;
+    }
+    return out;
   }
 }
 
@@ -79,8 +107,8 @@ export class Buses {
         byId('buses').append(this.buses.get(bus.name).root);
       }
       this.buses.get(bus.name).show(bus);
-      if (bus.lost > 0) wrong.push([bus.name, `${bus.lost} frames lost since the start`, 'bus_' + bus.name]);
-      if (bus.load >= 1) wrong.push([bus.name, `load ${rounded(100 * bus.load, '%')} %`, 'bus_' + bus.name]);
+      if (bus.lost > 0) wrong.push([bus.name, `${bus.lost} frames lost since the start`, placeOf(bus.name)]);
+      if (bus.load >= 1) wrong.push([bus.name, `load ${rounded(100 * bus.load, '%')} %`, placeOf(bus.name)]);
     }
     return wrong;
   }

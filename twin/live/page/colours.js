@@ -1,5 +1,7 @@
 // The colours of temperatures: viridis (van der Walt 2015, CC0), which rises in lightness and does not need hue.
 
+import { roundStep } from './scale.js';
+
 const table = [
   0x440154, 0x48186a, 0x472d7b, 0x424086, 0x3b528b, 0x33638d, 0x2c728e, 0x26828e, 0x21918c, 0x1fa088, 0x28ae80,
   0x3fbc73, 0x5ec962, 0x84d44b, 0xaddc30, 0xd8e219, 0xfde725,
@@ -13,12 +15,6 @@ export function viridis(share) {
     const from = (table[low] >> shift) & 255, to = (table[low + 1] >> shift) & 255;
     return Math.round(from + (at - low) * (to - from));
   });
-}
-
-/// A step of 1, 2 or 5 times a power of ten.
-function roundStep(raw) {
-  const power = 10 ** Math.floor(Math.log10(raw));
-  return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= raw * (1 - 1e-9));
 }
 
 /// Round ends around all values, at least 5 apart, and the marks between: {from, to, marks}.

@@ -25,7 +25,14 @@ export function setText(to, text) {
   if (to.textContent !== text) to.textContent = text;
 }
 
-/// 12345 as 12 345.
-export const grouped = (count) => count.toLocaleString('en').replace(/,/g, ' ');
+/// 12345 as 12 345, with spaces at which no line ends.
+export const grouped = (count) => count.toLocaleString('en').replace(/,/g, '\u00a0');
+
+/// How much of its track a bar fills; by a transform, which lays nothing out.
+export function setBar(bar, share) {
+  const transform = `scaleX(${Math.min(1, Math.max(0, share || 0)).toFixed(3)})`;
+  if (bar.dataset.transform === transform) return;
+  bar.dataset.transform = bar.style.transform = transform;
+}
 
 export const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

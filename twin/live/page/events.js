@@ -13,6 +13,8 @@ export class Events {
   constructor(show) {
     this.show = show;
     this.clear();
+    new ResizeObserver(([{ contentRect }]) => { this.width = Math.floor(contentRect.width) || 320; })
+      .observe(byId('timeline'));
   }
 
   clear() {
@@ -43,11 +45,13 @@ export class Events {
 
   /// The line covers what the page keeps.
   draw(from, to) {
-    const shown = this.within(from, to), key = `${shown.length} ${from.toFixed(1)} ${to.toFixed(1)}`;
+    const shown = this.within(from, to), step = (to - from) / 200;  // finer is not seen
+    const width = this.width ?? 320;
+    const key = [shown.length, Math.round(from / step), Math.round(to / step), width].join(' ');
     if (key === this.drawn || !(to > from)) return;
     this.drawn = key;
     const lanes = Object.keys(kinds).filter((kind) => this.all.some((event) => event.kind === kind));
-    const height = 18 * Math.max(1, lanes.length) + 18, width = byId('timeline').clientWidth || 320, left = 74;
+    const height = 18 * Math.max(1, lanes.length) + 18, left = 74;
     const x = (t) => left + ((t - from) / (to - from)) * (width - left - 8);
     const words = (text, at) => { const made = drawing('text', at); made.textContent = text; return made; };
     const parts = lanes.flatMap((kind, i) => [words(kinds[kind].join(' '), { x: 0, y: 18 * i + 14 }),

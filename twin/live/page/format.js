@@ -1,8 +1,8 @@
 // Numbers and words. A number is shown rounded; its <data> carries all digits as value and tooltip.
 import { element, grouped } from './dom.js';
 
-const places = { rad: 4, 'rad/s': 3, degC: 1, K: 1, Nm: 2, s: 3, '%': 1, us: 0, kg: 3, 'bit/s': 0, min: 1 };
-const printed = { degC: '°C', us: 'µs' };
+const places = { rad: 4, 'rad/s': 3, degC: 1, K: 1, Nm: 2, s: 3, '%': 1, us: 0, kg: 3, 'bit/s': 0, min: 1, share: 3 };
+const printed = { degC: '°C', us: 'µs', share: '' };
 export const unitText = (unit) => printed[unit] ?? unit;
 export const isNumber = (value) => typeof value === 'number' && Number.isFinite(value);
 
@@ -16,7 +16,7 @@ export function rounded(value, unit) {
   return /[1-9]/.test(text) ? text.replace('-', '−') : text.replace('-', '');  // 0 has no sign
 }
 
-export const withUnit = (value, unit) => (isNumber(value) ? `${rounded(value, unit)} ${unitText(unit)}` : '–');
+export const withUnit = (value, unit) => (isNumber(value) ? `${rounded(value, unit)} ${unitText(unit)}`.trim() : '–');
 
 export function number(name) {
   return element('data', { className: 'number', 'data-name': name });
@@ -24,11 +24,19 @@ export function number(name) {
 
 /// `exact`: what the tooltip says, unrounded.
 export function showNumber(to, value, unit) {
+  show(to, value, unit, () => (unit ? withUnit(value, unit) : isNumber(value) ? grouped(value) : '–'));
+}
+
+export function showDuration(to, value_s) {
+  show(to, value_s, 's', () => duration(value_s));
+}
+
+function show(to, value, unit, text) {
   const exact = isNumber(value) ? String(value) : '';
   if (to.value === exact && to.textContent) return;
   to.value = exact;
-  to.title = exact ? `${exact}${unit ? ' ' + unitText(unit) : ''}` : 'not known';
-  to.textContent = unit ? withUnit(value, unit) : isNumber(value) ? grouped(value) : '–';
+  to.title = exact ? `${exact} ${unitText(unit)}`.trim() : 'not known';
+  to.textContent = text();
 }
 
 export function duration(seconds) {

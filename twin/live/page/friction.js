@@ -1,22 +1,20 @@
 // Friction over speed: the law at the present temperature, and the points as they come.
 import { byId, element, setText, style } from './dom.js';
-import { isNumber, rounded, withUnit } from './format.js';
+import { isNumber, number, showNumber } from './format.js';
+import { plain, ticks } from './scale.js';
 
 const pointsKept = 1500, perRow = 4;
 const margin = { left: 62, right: 12, top: 10, bottom: 40 };
-
-function ticks(from, to, count) {
-  const raw = (to - from) / count, power = 10 ** Math.floor(Math.log10(raw));
-  const step = power * ([1, 2, 5, 10].find((factor) => factor * power >= raw) ?? 10);
-  const out = [];
-  for (let at = Math.ceil(from / step) * step; at <= to + step * 1e-9; at += step) out.push(Number(at.toPrecision(12)));
-  return out;
-}
 
 export class Friction {
   constructor(hello, ring, watch) {
     Object.assign(this, { hello, ring, watch, law: null, refusal: null });
     this.canvas = byId('friction_canvas');
+    const said = this.said = { law: element('span'), temperature: number('law_degC'), load: number('law_load'),
+      points: element('span') };
+    said.where = element('span', {}, said.temperature, ' and load ', said.load,
+      ' of the largest torque, dashes: backwards. ');
+    byId('friction_text').replaceChildren(said.law, said.where, said.points);
     const select = byId('watched');
     const options = hello.joints.map(({ name }) => element('option', { value: name, textContent: name }));
     select.replaceChildren(...options);
@@ -62,15 +60,15 @@ export class Friction {
     const c = this.canvas.getContext('2d');
     c.setTransform(scale, 0, 0, scale, 0, 0);
     c.clearRect(0, 0, width, height);
-    const curve = this.law ? this.law.speed_rad_s.map((v, i) => [v, this.law.friction_nm[i]]) : [];
-    const all = [...curve, ...points].filter(([x, y]) => isNumber(x) && isNumber(y));
+    const curves = this.branches();
+    const all = [...curves.flat(), ...points].filter(([x, y]) => isNumber(x) && isNumber(y));
     if (all.length === 0) return;
     const range = this.range(all);
     const x = (v) => margin.left + (v / range.x) * (width - margin.left - margin.right);
     const y = (f) => margin.top + (range.high - f) / (range.high - range.low) * (height - margin.top - margin.bottom);
     this.axes(c, { width, height, x, y, range });
     this.drawPoints(c, points, x, y);
-    this.drawLaw(c, curve, x, y);
+    this.drawLaw(c, curves, x, y);
   }
 
   range(all) {
@@ -94,13 +92,13 @@ export class Friction {
     c.textAlign = 'center';
     for (const at of ticks(0, range.x, Math.max(2, width / 90))) {
       line(x(at), margin.top, x(at), bottom);
-      c.fillText(String(at), x(at), bottom + 16);
+      c.fillText(plain(at), x(at), bottom + 16);
     }
     c.fillText('motor speed [rad/s]', (margin.left + width - margin.right) / 2, height - 6);
     c.textAlign = 'right';
     for (const at of ticks(range.low, range.high, 5)) {
       line(margin.left, y(at), width - margin.right, y(at));
-      c.fillText(String(at).replace('-', '−'), margin.left - 6, y(at) + 4);
+      c.fillText(plain(at), margin.left - 6, y(at) + 4);
     }
     c.save();
     c.translate(13, (margin.top + bottom) / 2);
@@ -127,22 +125,34 @@ export class Friction {
     c.stroke();
   }
 
-  drawLaw(c, curve, x, y) {
+  /// The law over the amount of the speed, forwards and backwards.
+  branches() {
+    if (!this.law) return [];
+    const all = this.law.speed_rad_s.map((v, i) => [v, this.law.friction_nm[i]]);
+    return [all.filter(([v]) => v >= 0), all.filter(([v]) => v <= 0).map(([v, f]) => [-v, f]).reverse()];
+  }
+
+  drawLaw(c, curves, x, y) {
     c.strokeStyle = style('--line-0');
     c.lineWidth = 2.2;
-    c.beginPath();
-    curve.forEach(([v, f], i) => (i ? c.lineTo(x(v), y(f)) : c.moveTo(x(v), y(f))));
-    c.stroke();
+    curves.forEach((curve, backwards) => {
+      c.setLineDash(backwards ? [5, 5] : []);
+      c.beginPath();
+      curve.forEach(([v, f], i) => (i ? c.lineTo(x(v), y(f)) : c.moveTo(x(v), y(f))));
+      c.stroke();
+    });
+    c.setLineDash([]);
   }
 
   describe(points) {
-    const parts = [];
-    if (this.law) parts.push(`Line: law ${this.joint.law ?? ''} at ${withUnit(this.law.temperature_degC, 'degC')} ` +
-      `and load ${rounded(this.law.load_norm, 's')} of the largest torque.`);
-    else parts.push(this.refusal ? `No law: ${this.refusal}.` : 'The law has not come yet.');
-    if (!this.joint?.gear_ratio) parts.push('No points: the program does not say the gear ratio.');
-    else parts.push(`Squares: the last ${points.length} of every ${perRow}th row, the newest in a circle; at rest ` +
-      'friction may be anything up to breakaway.');
-    setText(byId('friction_text'), parts.join(' '));
+    const { law, joint, refusal, said } = this;
+    setText(said.law, law ? `Line: law ${joint.law ?? ''} at ` : refusal ? `No law: ${refusal}. `
+      : 'The law has not come yet. ');
+    said.where.hidden = !law;
+    showNumber(said.temperature, law?.temperature_degC, 'degC');
+    showNumber(said.load, law?.load_norm, 'share');
+    setText(said.points, !joint?.gear_ratio ? 'No points: the program does not say the gear ratio.'
+      : `Squares: the last ${points.length} of every ${perRow}th row, the newest in a circle; at rest friction may ` +
+        'be anything up to breakaway.');
   }
 }

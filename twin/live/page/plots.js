@@ -1,10 +1,8 @@
 // Histories of position, torque, friction and temperature: one time axis, one cursor, every row where it is zoomed in.
-import { byId, drawing, element, grouped, setText, style } from './dom.js';
+import { Chart } from './chart.js';
+import { byId, drawing, element, grouped, setText } from './dom.js';
 import { isNumber, number, rounded, showNumber, unitText } from './format.js';
-import { Drawn, keptBytes } from './rows.js';
-
-// Its legend needs style attributes, which the page's policy forbids; the histories have legends of their own.
-Dygraph.PLUGINS = Dygraph.PLUGINS.filter((plugin) => plugin !== Dygraph.Plugins.Legend);
+import { keptBytes } from './rows.js';
 
 const quantities = [
   ['position_rad', 'Position'], ['motor_torque_nm', 'Motor torque'], ['friction_nm', 'Friction'],
@@ -13,7 +11,9 @@ const quantities = [
 ];
 // With the dashes no two of eight joints look the same without colour.
 const dashes = [null, [9, 4], [3, 3], [12, 3, 3, 3], [18, 5], [6, 3, 2, 3, 2, 3], [2, 6], [14, 3, 6, 3]];
-const colour = (i) => style(`--line-${i % 8}`);
+
+// While rows still fill the window the picture grows in steps: it is drawn anew with each.
+const firstView_s = 0.5, viewGrows = 1.3;
 
 const clamped = (value, low, high) => Math.min(high, Math.max(low, value));
 
@@ -27,7 +27,6 @@ function swatch(i) {
 class Plot {
   constructor(plots, name, title, columns) {
     Object.assign(this, { plots, name, columns });
-    this.drawn = new Drawn(columns.map((column) => column.index));
     this.unit = columns[0].unit;
     this.area = element('div', { className: 'area' });
     this.line = element('div', { className: 'cursor', hidden: true });
@@ -41,92 +40,26 @@ class Plot {
     this.area.addEventListener('mousemove', (event) => this.point(event));
     this.area.addEventListener('mouseleave', () => plots.setCursor(null));
     this.root.addEventListener('keydown', (event) => plots.key(event));
+    this.chart = new Chart(this.area, columns.map(({ index, series }) =>
+      ({ index, colour: `--line-${series % 8}`, dash: dashes[series % 8] })), {
+      look: (from, to) => plots.look(from, to), live: () => plots.live(),
+      marks: (from, to) => plots.events.within(from, to).map((event) => event.time_s),
+      limits: () => (name === 'residual_nm' && isNumber(plots.limit_nm) ? [-plots.limit_nm, plots.limit_nm] : []),
+    });
+    columns.forEach(({ joint }, at) => this.chart.show(at, plots.shown.has(joint)));
   }
 
   point(event) {
-    if (!this.graph) return;
-    const x = event.clientX - this.area.getBoundingClientRect().left;
-    this.plots.setCursor(this.graph.toDataXCoord(x));
-  }
-
-  options() {
-    const short = (value) => String(Number(value.toPrecision(12))).replace('-', '−');
-    return {
-      labels: ['time', ...this.columns.map((column) => column.joint)],
-      colors: this.columns.map((column) => colour(column.series)),
-      series: Object.fromEntries(this.columns.map((column) =>
-        [column.joint, { strokePattern: dashes[column.series % 8] }])),
-      visibility: this.columns.map((column) => this.plots.shown.has(column.joint)),
-      strokeWidth: 1.6, highlightCircleSize: 0, animatedZooms: false, axisLabelFontSize: 12, rightGap: 8,
-      gridLineColor: style('--grid'), axisLineColor: style('--line'),
-      axes: {
-        x: { axisLabelFormatter: short, pixelsPerLabel: 70 }, y: { axisLabelFormatter: short, axisLabelWidth: 56 },
-      },
-      interactionModel: this.interaction(),
-      zoomCallback: (from, to) => this.plots.look(from, to),
-      underlayCallback: (canvas, area, graph) => this.marks(canvas, area, graph),
-    };
-  }
-
-  /// A finger scrolls the page; the buttons zoom.
-  interaction() {
-    const { touchstart, touchmove, touchend, ...mouse } = Dygraph.defaultInteractionModel;
-    const moved = () => this.plots.look(...this.graph.xAxisRange());
-    return {
-      ...mouse,
-      dblclick: () => this.plots.live(),
-      mousemove: (event, graph, context) => {
-        mouse.mousemove?.(event, graph, context);
-        if (context.isPanning) moved();
-      },
-    };
-  }
-
-  marks(canvas, area, graph) {
-    canvas.strokeStyle = style('--mark');
-    canvas.lineWidth = 1;
-    canvas.setLineDash([2, 3]);
-    for (const event of this.plots.events.within(...graph.xAxisRange())) {
-      const x = Math.round(graph.toDomXCoord(event.time_s)) + 0.5;
-      canvas.beginPath();
-      canvas.moveTo(x, area.y);
-      canvas.lineTo(x, area.y + area.h);
-      canvas.stroke();
-    }
-    if (this.name === 'residual_nm' && isNumber(this.plots.limit_nm)) this.limits(canvas, area, graph);
-    canvas.setLineDash([]);
-  }
-
-  limits(canvas, area, graph) {
-    canvas.setLineDash([10, 4]);
-    canvas.strokeStyle = style('--bad');
-    for (const limit of [-this.plots.limit_nm, this.plots.limit_nm]) {
-      const y = Math.round(graph.toDomYCoord(limit)) + 0.5;
-      if (y < area.y || y > area.y + area.h) continue;
-      canvas.beginPath();
-      canvas.moveTo(area.x, y);
-      canvas.lineTo(area.x + area.w, y);
-      canvas.stroke();
-    }
-  }
-
-  draw(ring, from, to, view) {
-    const file = this.drawn.of(ring, from, to, this.area.clientWidth || 400);
-    if (file.length < 2) return;
-    if (!this.graph) this.graph = new Dygraph(this.area, file, { ...this.options(), dateWindow: view });
-    else this.graph.updateOptions({ file, dateWindow: view });
+    const time = this.chart.time(event.clientX - this.area.getBoundingClientRect().left);
+    if (time !== null) this.plots.setCursor(time);
   }
 
   showCursor(ring, row, chosen) {
-    this.line.hidden = !chosen || !this.graph;
+    const x = chosen ? this.chart.place(ring.time(row)) : null;
+    this.line.hidden = x === null;
     this.columns.forEach(({ index }, i) =>
       showNumber(this.readout[i], row < 0 ? null : ring.at(row, index), this.unit));
-    if (this.line.hidden) return;
-    const x = this.graph.toDomXCoord(ring.time(row));
-    const area = this.graph.getArea();
-    this.line.hidden = x < area.x || x > area.x + area.w;
-    this.line.style.left = `${x}px`;
-    this.line.style.height = `${area.h}px`;
+    if (x !== null) Object.assign(this.line.style, { left: `${x}px`, height: `${this.chart.inner.h}px` });
   }
 }
 
@@ -146,7 +79,7 @@ export class Plots {
     }
     byId('figures').replaceChildren(...this.plots.map((plot) => plot.root));
     byId('series').replaceChildren(...hello.joints.map((joint, i) => this.choice(joint.name, i)));
-    this.size = new ResizeObserver(() => this.plots.forEach((plot) => plot.graph?.resize()));
+    this.size = new ResizeObserver(() => { this.dirty = true; });
     this.size.observe(byId('figures'));
     this.sight = new IntersectionObserver((changes) => {
       for (const { target, isIntersecting } of changes)
@@ -162,6 +95,7 @@ export class Plots {
   leave() {
     this.size.disconnect();
     this.sight.disconnect();
+    for (const plot of this.plots) plot.chart.leave();
   }
 
   choice(name, i) {
@@ -169,7 +103,7 @@ export class Plots {
     box.addEventListener('change', () => {
       this.shown[box.checked ? 'add' : 'delete'](name);
       for (const plot of this.plots)
-        plot.columns.forEach((column, at) => column.joint === name && plot.graph?.setVisibility(at, box.checked));
+        plot.columns.forEach((column, at) => column.joint === name && plot.chart.show(at, box.checked));
       this.dirty = true;
     });
     return element('label', {}, box, swatch(i), ' ' + name);
@@ -198,7 +132,8 @@ export class Plots {
   }
 
   retheme() {
-    for (const plot of this.plots) plot.graph?.updateOptions(plot.options());
+    for (const plot of this.plots) plot.chart.retheme();
+    this.draw(true);
   }
 
   live() {
@@ -232,9 +167,11 @@ export class Plots {
     if (this.fixed) return this.fixed;
     const { ring } = this;
     if (ring.last < 0) return [0, 1];
-    const to = ring.time(ring.last), window_s = Number(byId('window').value);
-    const oldest = ring.time(ring.begin);
-    return [Math.min(window_s > 0 ? Math.max(oldest, to - window_s) : oldest, to - 1e-3), to];
+    const to = ring.time(ring.last), oldest = ring.time(ring.begin), window_s = Number(byId('window').value);
+    const grown_s = firstView_s * viewGrows ** Math.ceil(Math.log((to - oldest) / firstView_s) / Math.log(viewGrows));
+    const length_s = Math.min(window_s > 0 ? window_s : Infinity, Math.max(firstView_s, grown_s));
+    const from = ring.begin === 0 ? Math.max(oldest, to - length_s) : to - length_s;
+    return [from, from + length_s];
   }
 
   move(share) {
@@ -245,6 +182,12 @@ export class Plots {
   zoom(factor) {
     const [from, to] = this.view(), middle = this.cursor ?? (from + to) / 2;
     this.look(middle - factor * (middle - from), middle + factor * (to - middle));
+  }
+
+  /// An event came: it is a mark.
+  mark() {
+    for (const plot of this.plots) plot.chart.stale = true;
+    this.dirty = true;
   }
 
   setCursor(time_s) {
@@ -259,6 +202,7 @@ export class Plots {
     for (const plot of this.plots) plot.showCursor(ring, row, chosen >= 0);
     setText(byId('cursor_kind'), chosen >= 0 ? 'cursor at ' : 'newest at ');
     showNumber(this.time, row < 0 ? null : ring.time(row), 's');
+    this.time.dataset.row = row < 0 ? '' : ring.number(row);
   }
 
   key(event) {
@@ -275,13 +219,14 @@ export class Plots {
     event.preventDefault();
   }
 
-  draw() {
+  /// `all`: also what is not in sight.
+  draw(all = false) {
     const { ring } = this;
     if (ring.last < 0) return;
     const [from, to] = this.view();
     const first = Math.max(ring.begin, ring.find(from) - 1), last = Math.min(ring.end, ring.find(to) + 1);
-    for (const plot of this.plots) if (plot.seen) plot.draw(ring, first, last, [from, to]);
+    for (const plot of this.plots) if (plot.seen || all) plot.chart.draw(ring, first, last, from, to);
     this.dirty = false;
-    this.showCursor();
+    byId('figures').dataset.row = ring.number(ring.last);
   }
 }

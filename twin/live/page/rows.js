@@ -38,6 +38,7 @@ export class Ring {
     this.columns = columns;
     this.capacity = Math.max(2, Math.floor(keptBytes / (8 * columns)));
     this.values = new Float64Array(this.capacity * columns);
+    this.numbers = new Float64Array(this.capacity);
     this.clear();
   }
 
@@ -61,6 +62,10 @@ export class Ring {
   time(index) {
     return this.at(index, 0);
   }
+  /// Its running number, as the program counts rows.
+  number(index) {
+    return this.numbers[index % this.capacity];
+  }
 
   add(message) {
     if (message.columns !== this.columns)
@@ -74,6 +79,7 @@ export class Ring {
       const from = row * this.columns;
       const to = (this.written % this.capacity) * this.columns;
       this.values.set(message.values.subarray(from, from + this.columns), to);
+      this.numbers[this.written % this.capacity] = message.first + row;
       ++this.written;
     }
     this.received += message.rows;
@@ -115,67 +121,4 @@ export class Ring {
     }
     return best;
   }
-}
-
-/// What histories of `columns` draw: [time, value of each column...] of the rows from..to for `width` points: every row
-/// where they fit, else smallest and largest of each stretch, in the order in which they came, so that no peak is lost.
-/// Stretches begin at multiples of their length: the picture does not flicker while it moves, and what is known of a
-/// stretch that is over is kept.
-export class Drawn {
-  constructor(columns) {
-    this.columns = columns;
-    this.forget(0);
-  }
-
-  forget(stride) {
-    this.stride = stride;
-    this.stretches = new Map();  // by their begin, upwards
-    this.written = this.from = 0;
-  }
-
-  of(ring, from, to, width) {
-    const out = [], { columns } = this;
-    const stride = Math.ceil((to - from) / Math.max(1, width));
-    if (stride <= 2) {
-      for (let i = from; i < to; ++i) out.push([ring.time(i), ...columns.map((c) => ring.at(i, c))]);
-      return out;
-    }
-    if (stride !== this.stride || ring.written < this.written || from < this.from) this.forget(stride);
-    this.written = ring.written;
-    this.from = from;
-    for (const begin of this.stretches.keys()) {
-      if (begin >= from) break;
-      this.stretches.delete(begin);
-    }
-    for (let begin = Math.floor(from / stride) * stride; begin < to; begin += stride)
-      out.push(...this.stretch(ring, from, to, begin));
-    return out;
-  }
-
-  stretch(ring, from, to, begin) {
-    const known = this.stretches.get(begin);
-    if (known) return known;
-    const end = begin + this.stride;
-    const both = extremes(ring, this.columns, Math.max(from, begin), Math.min(to, end));
-    if (begin >= from && end <= to) this.stretches.set(begin, both);
-    return both;
-  }
-}
-
-function extremes(ring, columns, from, to) {
-  const first = [ring.time(from)], second = [ring.time(Math.floor((from + to) / 2))];
-  for (const column of columns) {
-    let low = from, high = from;
-    let smallest = Infinity, largest = -Infinity, gap = false;
-    for (let i = from; i < to; ++i) {
-      const value = ring.at(i, column);
-      if (value < smallest) [low, smallest] = [i, value];
-      if (value > largest) [high, largest] = [i, value];
-      if (Number.isNaN(value)) gap = true;
-    }
-    const known = smallest <= largest;
-    first.push(known ? (low < high ? smallest : largest) : NaN);
-    second.push(gap || !known ? NaN : low < high ? largest : smallest);
-  }
-  return [first, second];
 }

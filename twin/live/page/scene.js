@@ -1,7 +1,7 @@
 // The robot in 3-D: drawn when something changed and can be seen, with housings in the colour of their temperature.
 import { scaleAfter, viridis } from './colours.js';
 import { byId, drawing, element, setText, style } from './dom.js';
-import { isNumber, withUnit } from './format.js';
+import { isNumber, number, showNumber } from './format.js';
 import { Orbit } from './orbit.js';
 import { Robot } from './robot.js';
 
@@ -28,7 +28,13 @@ export class Scene {
     this.values = new Map();
     this.labels = new Map();
     this.canvas = byId('scene_canvas');
-    this.orbit = new Orbit(this.canvas, () => { this.dirty = true; }, (x, y) => this.pick(x, y));
+    this.views = 0;  // that were asked for by hand
+    this.retheme();
+    const turned = () => {
+      this.canvas.dataset.asked = ++this.views;
+      this.dirty = true;
+    };
+    this.orbit = new Orbit(this.canvas, turned, (x, y) => this.pick(x, y));
     this.canvas.addEventListener('keydown', (event) => this.key(event));
     this.canvas.addEventListener('webglcontextlost', (event) => {
       event.preventDefault();
@@ -94,6 +100,7 @@ export class Scene {
 
   forget() {
     this.newest = this.scale = null;
+    this.seenLast = {};
     if (!this.robot) return;
     this.scene.remove(this.robot.root);
     this.robot.dispose();
@@ -131,9 +138,10 @@ export class Scene {
 
   /// Beside a joint: its name and what is to be said of it, with a line to its housing.
   label(joint) {
-    const text = element('span'), line = drawing('line');
-    const box = element('button', { type: 'button', className: 'scene_label', hidden: true, tabIndex: -1,
-      onclick: () => this.choose(joint) }, text);
+    const text = { before: element('span'), degC: number('temperature_degC'), after: element('span') };
+    const line = drawing('line');
+    const box = element('button', { type: 'button', className: 'scene_label', 'data-joint': joint, hidden: true,
+      tabIndex: -1, onclick: () => this.choose(joint) }, ...Object.values(text));
     byId('scene_labels').append(box);
     byId('scene_lines').append(line);
     this.labels.set(joint, { box, text, line });
@@ -174,6 +182,8 @@ export class Scene {
 
   /// The picture's own lines are as those of the page.
   retheme() {
+    this.theme = { bad: style('--bad'), ink: style('--ink') };
+    this.dirty = true;
     if (!this.floor) return;
     this.floor.material.vertexColors = 0;
     this.floor.material.color.set(style('--line'));
@@ -199,11 +209,10 @@ export class Scene {
   colour() {
     const known = [...this.values.values()].filter(isNumber);
     const scale = this.scale = scaleAfter(this.scale, known);
-    for (const joint of this.joints) {
-      const at = this.values.get(joint);
-      this.robot?.colour(joint, isNumber(at) ? viridis((at - scale.from) / (scale.to - scale.from)) : null);
-    }
-    this.dirty = true;
+    const colours = this.joints.map((joint) => this.values.get(joint)).map((at) =>
+      (isNumber(at) ? viridis((at - scale.from) / (scale.to - scale.from)) : null));
+    if (this.changed('colours', colours))
+      this.joints.forEach((joint, i) => this.robot.colour(joint, colours[i]));
     const key = scale.marks.join(' ');
     if (byId('scene_marks').dataset.key === key) return;
     byId('scene_marks').dataset.key = key;
@@ -212,16 +221,26 @@ export class Scene {
       element('span', { textContent: mark.toFixed(digits).replace('-', '−') })));
   }
 
+  /// Whether it is another one than at the last time: then the picture is drawn anew.
+  changed(what, value) {
+    const key = JSON.stringify(value), other = this.seenLast[what] !== key;
+    this.seenLast[what] = key;
+    this.dirty ||= other;
+    return other;
+  }
+
   mark() {
+    const { bad, ink } = this.theme;
+    const other = this.changed('marks', [[...this.wrong.keys()], this.selected, this.warmest, bad, ink]);
     for (const [joint, { box, text }] of this.labels) {
       const wrong = this.wrong.has(joint), selected = this.selected === joint, warmest = this.warmest === joint;
-      this.robot.mark(joint, wrong ? style('--bad') : selected ? style('--ink') : null);
-      const degC = withUnit(this.values.get(joint), 'degC');
-      setText(text, `${wrong ? '✖ ' : ''}${joint} ${degC}${warmest ? ' warmest' : ''}`);
+      if (other) this.robot.mark(joint, wrong ? bad : selected ? ink : null);
+      setText(text.before, `${wrong ? '✖ ' : ''}${joint} `);
+      showNumber(text.degC, this.values.get(joint), 'degC');
+      setText(text.after, warmest ? ' warmest' : '');
       box.title = wrong ? this.wrong.get(joint) : '';
       for (const [name, on] of Object.entries({ wrong, selected, warmest })) box.classList.toggle(name, on);
     }
-    this.dirty = true;
   }
 
   /// To be called with every picture of the browser.
@@ -250,7 +269,7 @@ export class Scene {
     renderer.render(this.scene, camera);
     this.placeLabels(width, height);
     this.dirty = false;
-    Object.assign(canvas.dataset, { row: this.newest.row, drawings: ++this.drawings,
+    Object.assign(canvas.dataset, { row: this.newest.row, drawings: ++this.drawings, view: this.views,
       geometries: renderer.info.memory.geometries });
   }
 

@@ -1,5 +1,5 @@
 // One tile per drive, what is wrong in words, and the warmest joint.
-import { byId, element, setText } from './dom.js';
+import { byId, element, setBar, setText } from './dom.js';
 import { duration, errorCode, isNumber, modeText, number, showNumber, withUnit, words } from './format.js';
 
 const warning_K = 10;  // as the drives: a warning 10 K before the limit
@@ -26,6 +26,12 @@ function limitText(drive, joint, temperature_degC) {
   return `${near}${withUnit(room_K, 'K')} below ${withUnit(joint.limit_degC, 'degC')}${when}`;
 }
 
+function limitDigits(drive, joint, temperature_degC) {
+  if (!isNumber(joint.limit_degC) || !isNumber(temperature_degC)) return '';
+  const when = isNumber(drive?.time_to_limit_s) ? `, reached in ${drive.time_to_limit_s} s` : '';
+  return `${joint.limit_degC - temperature_degC} K below ${joint.limit_degC} °C${when}`;
+}
+
 const facts = [
   ['position', 'position_rad', 'rad'], ['target position', 'target.position_rad', 'rad'],
   ['following error', 'following_error_rad', 'rad'], ['velocity', 'velocity_rad_s', 'rad/s'],
@@ -37,9 +43,8 @@ const facts = [
 const ofDrive = (name) => name.startsWith('target.') || name === 'following_error_rad';
 const ofResidual = (name) => name.startsWith('residual.');
 
-// With spaces at which no line ends.
-const busName = ({ bus }) =>
-  (bus === null || bus === undefined ? '' : isNumber(bus) ? `bus\u00a0${bus}\u00a0` : `${bus}\u00a0`);
+/// With spaces at which no line ends; `bus` is a place among the buses, and that of a single one is not said.
+const busName = ({ bus }, buses) => (buses.length > 1 && isNumber(bus) ? `bus\u00a0${bus}\u00a0` : '');
 
 class Tile {
   constructor(joint, columns, choose) {
@@ -69,11 +74,10 @@ class Tile {
         element('dl', {}, ...this.numbers.map((n) => n.row), this.brakeRow)));
   }
 
-  show(drive, residual, values, warmest, span) {
+  show(drive, buses, residual, values, warmest, span) {
     const temperature = values('temperature_degC');
     showNumber(this.temperature, temperature, 'degC');
-    const share = (temperature - span[0]) / (span[1] - span[0]);
-    this.bar.style.width = `${100 * Math.min(1, Math.max(0, share || 0))}%`;
+    setBar(this.bar, (temperature - span[0]) / (span[1] - span[0]));
     const wrong = wrongs(drive, this.joint, temperature, residual);
     const near = isNumber(this.joint.limit_degC) && temperature > this.joint.limit_degC - warning_K;
     this.root.classList.toggle('wrong', wrong.length > 0);
@@ -81,7 +85,8 @@ class Tile {
     this.root.classList.toggle('warmest', warmest);
     this.badge.hidden = !warmest;
     setText(this.limit, limitText(drive, this.joint, temperature));
-    this.showWords(drive, residual, wrong);
+    this.limit.title = limitDigits(drive, this.joint, temperature);
+    this.showWords(drive, buses, residual, wrong);
     for (const { name, unit, value, row } of this.numbers) {
       const target = name.startsWith('target.') ? drive?.target?.[name.slice(7)] : drive?.[name];
       const shown = ofDrive(name) ? target : ofResidual(name) ? residual?.[name.slice(9)] : values(name);
@@ -90,11 +95,12 @@ class Tile {
     }
   }
 
-  showWords(drive, residual, wrong) {
+  showWords(drive, buses, residual, wrong) {
     const bus = drive && drive.state !== null && drive.state !== undefined;
     setText(this.state, bus ? words(drive.state) : residual ? 'listened to on a bus' : 'simulated, not on a bus');
     const [mode, modeWords] = modeText(drive?.mode);
-    setText(this.network, bus ? `NMT ${words(drive.nmt)} · ${mode} · ${busName(drive)}node\u00a0${drive.node}` : '');
+    const place = bus ? `${busName(drive, buses)}node\u00a0${drive.node}` : '';
+    setText(this.network, bus ? `NMT ${words(drive.nmt)} · ${mode} · ${place}` : '');
     this.network.title = bus ? modeWords : '';
     this.fault.hidden = wrong.length === 0;
     setText(this.fault, wrong.length ? '✖ ' + wrong.join('; ') : '');
@@ -124,7 +130,7 @@ export class Tiles {
       const drive = drives.find((d) => d.joint === joints[i].name);
       const residual = status?.residual?.find((r) => r.joint === joints[i].name);
       const top = isNumber(joints[i].limit_degC) ? joints[i].limit_degC : Math.max(60, highest);
-      tile.show(drive, residual, (name) => value(joints[i].name, name), i === warmest, [0, top]);
+      tile.show(drive, status?.buses ?? [], residual, (name) => value(joints[i].name, name), i === warmest, [0, top]);
       for (const what of wrongs(drive, joints[i], temperatures[i], residual)) list.push([joints[i].name, what]);
     });
     this.showWarmest(warmest, drives, highest);

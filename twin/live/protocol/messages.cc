@@ -49,8 +49,14 @@ Json bus_json(const BusStatus& bus) {
           {"frames_out", bus.frames_out},
           {"syncs", bus.syncs},
           {"lost", bus.lost},
+          {"foreign", bus.foreign ? Json(*bus.foreign) : Json(nullptr)},
           {"sync_period_us", spread_json(bus.sync_period)},
           {"sync_to_tpdo_us", spread_json(bus.sync_to_tpdo)}};
+}
+
+Json file_json(const RowFile& file) {
+  return {{"name", file.name},     {"rows", file.rows}, {"lost_rows", file.lost_rows},
+          {"from_s", file.from_s}, {"to_s", file.to_s}, {"minutes", (file.to_s - file.from_s) / 60}};
 }
 
 Json residual_json(const Residual& residual) {
@@ -111,8 +117,10 @@ std::string to_json(const Status& status) {
                   {"simulated_s", status.simulated_s},
                   {"wall_s", status.wall_s},
                   {"paused", status.paused},
-                  {"recording", status.recording},
+                  {"recording", status.recording || status.file},
+                  {"file", status.file ? file_json(*status.file) : Json(nullptr)},
                   {"lost_frames", status.lost_frames},
+                  {"lost_events", status.lost_events},
                   {"drives", drives},
                   {"buses", buses},
                   {"residual", residual}});
@@ -136,7 +144,9 @@ std::string to_json(const Law& law) {
 }
 
 std::string to_json(const Done& done) {
-  return text_of({{"type", "done"}, {"id", Json(done.id)}, {"ok", done.ok}, {"message", done.text}});
+  Json json{{"type", "done"}, {"id", Json(done.id)}, {"ok", done.ok}, {"message", done.text}};
+  if (done.file) json["file"] = file_json(*done.file);
+  return text_of(json);
 }
 
 Asking read_message(const std::string& text, const Hello& hello, bool readonly) {

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/plugins/drive/drive.hpp>
+#include <tribotwin/twin/io/telemetry/telemetry.hpp>
 
 /// What a live bench says to its page. The schema is in twin/live/protocol/README.md.
 namespace tribotwin::twin::live {
@@ -46,6 +47,8 @@ struct Hello {
   std::function<Law(std::size_t joint, const drive::Workspace& state)> law = {};
   std::string geometry = {};  ///< geometry.json; empty: there is none
   std::size_t bodies = 0;     ///< of geometry.json, and of a pose
+  /// What a file of its rows says of them; without: they cannot be recorded.
+  std::optional<TelemetryOptions> head = {};
 };
 
 struct DriveStatus {
@@ -74,6 +77,7 @@ struct BusStatus {
   std::string name;
   std::optional<double> load, bit_rate;  ///< share of 1; [bit/s]
   std::uint64_t frames_in = 0, frames_out = 0, syncs = 0, lost = 0;
+  std::optional<std::uint64_t> foreign = {};  ///< frames that mean none of our drives
   std::optional<Spread> sync_period = {}, sync_to_tpdo = {};
 };
 
@@ -85,10 +89,20 @@ struct Residual {
   bool exceeded = false;              ///< for longer than allowed, at some time since the start
 };
 
+/// A file of rows.
+struct RowFile {
+  std::string name;  ///< without its folder
+  std::uint64_t rows = 0, lost_rows = 0;
+  double from_s = 0, to_s = 0;  ///< of its first and last row
+};
+
 struct Status {
   double simulated_s = 0, wall_s = 0;
-  bool paused = false, recording = false;
+  bool paused = false;
+  bool recording = false;            ///< by the program, or for a page
+  std::optional<RowFile> file = {};  ///< that is recorded for a page; the server's
   std::uint64_t lost_frames = 0;
+  std::uint64_t lost_events = 0;    ///< for which the way to the server had no room
   std::vector<DriveStatus> drives;  ///< empty: they have no bus
   std::vector<BusStatus> buses;
   std::vector<Residual> residual;        ///< of a shadow
@@ -115,6 +129,7 @@ struct Done {
   nlohmann::json id;
   bool ok = true;
   std::string text;
+  std::optional<RowFile> file = {};  ///< of `record` and `export`
 };
 
 /// `session`: a random name of this start of the server.

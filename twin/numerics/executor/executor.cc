@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/output.hpp>
 #include <tribotwin/twin/numerics/executor/bytes.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
@@ -61,13 +62,13 @@ class Leader {
         ranks_(ranks),
         operation_(ranks.begin()),
         outcome_{.results = std::vector<std::string>(tasks.count)},
-        missing_(missing()),
-        manager_(missing_, options.retries, lead_s(ranks.size())),
-        threads_(threads_of(options.threads, ranks)),
+        manager_(missing(), options.retries, lead_s(ranks.size())),
+        known_(tasks.count),
+        threads_(threads_of(options.threads, ranks.size())),
         crew_(crew_of(threads_, tasks, options)) {}
 
   Result<Outcome> run() {
-    put_in_order(missing_);
+    grow();
     manager_.enroll(0, threads_);
     crew_->add(jobs(0));
     for (Pause pause; !manager_.complete();) {
@@ -76,6 +77,7 @@ class Leader {
       auto own = crew_->take(wait);
       if (receive() || !own.empty()) pause.something();
       for (auto& done : own) over(0, std::move(done));
+      if (tasks_.meanwhile) tasks_.meanwhile();
       if (stop_ && *stop_) manager_.stop();
       crew_->add(jobs(0));
       // What failed on one rank may become another's at any time.
@@ -103,19 +105,17 @@ class Leader {
     return all;
   }
 
-  /// Tells the manager what must be done before what.
-  void put_in_order(const std::deque<std::size_t>& missing) {
-    if (!tasks_.after) return;
-    for (const std::size_t task : missing)
-      for (const std::size_t earlier : tasks_.after(task))
-        if (std::ranges::binary_search(missing, earlier)) manager_.order(earlier, task);
+  /// Tells the manager of further tasks.
+  void grow() {
+    for (const std::size_t count = tasks_.grown ? tasks_.grown() : known_; known_ < count; ++known_)
+      manager_.add(known_);
   }
 
   /// What a rank gets now.
   std::vector<Crew::Job> jobs(int rank) {
     std::vector<Crew::Job> all;
     for (const std::size_t task : manager_.grant(rank))
-      all.push_back({task, tasks_.input ? tasks_.input(task, outcome_.results) : std::string()});
+      all.push_back({task, tasks_.input ? tasks_.input(task) : std::string()});
     return all;
   }
 
@@ -161,21 +161,23 @@ class Leader {
   void over(int rank, Crew::Done done) {
     if (done.stopped) return manager_.returned(rank, done.task);
     if (!done.result) {
-      const auto before = manager_.failures().size();
-      manager_.failed(rank, done.task, std::move(done.result.error()), done.seconds);
-      if (manager_.failures().size() > before) show();
-      return;
+      const TaskFailure* failure = manager_.failed(rank, done.task, std::move(done.result.error()), done.seconds);
+      if (!failure) return;
+      if (tasks_.failed) tasks_.failed(*failure);
+      show();
+      return grow();
     }
     manager_.succeeded(rank, done.task, done.seconds);
     if (kept_ && tasks_.keep) kept_ = tasks_.keep(done.task, *done.result);
     if (!kept_) return manager_.stop();
-    outcome_.results[done.task] = *std::move(done.result);
+    if (!tasks_.grown) outcome_.results[done.task] = *std::move(done.result);
     show();
+    grow();
   }
 
   void show() {
     ++over_;
-    if (tasks_.progress) tasks_.progress(over_, tasks_.count);
+    if (tasks_.progress) tasks_.progress(over_, known_);
   }
 
   const Tasks& tasks_;
@@ -184,8 +186,8 @@ class Leader {
   const std::uint64_t operation_;
   std::size_t over_ = 0;
   Outcome outcome_;
-  const std::deque<std::size_t> missing_;  ///< in their order
   Manager manager_;
+  std::size_t known_;  ///< number of tasks
   const unsigned threads_;
   std::vector<int> members_;
   Result<void> kept_;
@@ -199,7 +201,7 @@ class Follower {
       : ranks_(ranks),
         operation_(ranks.begin()),
         hold_(hold_share * lead_s(ranks.size())),
-        threads_(threads_of(options.threads, ranks)),
+        threads_(threads_of(options.threads, ranks.size())),
         crew_(crew_of(threads_, tasks, options)) {
     BytesOut out;
     out.put(operation_).put(threads_).put(std::string_view(same_for_all(tasks)));
@@ -269,8 +271,8 @@ Result<Outcome> carry_out(const Tasks& tasks, const ExecutorOptions& options, Ra
   return ranks.root() ? Leader(tasks, options, ranks).run() : Follower(tasks, options, ranks).run();
 }
 
-unsigned threads_of(unsigned wanted, const Ranks& ranks) {
-  return wanted ? wanted : ranks.several() ? 1 : std::max(1u, std::thread::hardware_concurrency());
+unsigned threads_of(unsigned wanted, int ranks) {
+  return wanted ? wanted : ranks > 1 ? 1 : std::max(1u, std::thread::hardware_concurrency());
 }
 
 std::string text_of(const std::vector<TaskFailure>& failures, const std::function<std::string(std::size_t)>& name) {
@@ -281,6 +283,31 @@ std::string text_of(const std::vector<TaskFailure>& failures, const std::functio
                         failures[i].attempts > 1 ? fmt::format(" ({} attempts)", failures[i].attempts) : "");
   if (failures.size() > named) text += fmt::format("; and {} more", failures.size() - named);
   return text;
+}
+
+Result<void> write_failures(const std::filesystem::path& folder, const std::vector<TaskFailure>& failures,
+                            const std::function<std::string(std::size_t)>& name,
+                            const std::function<std::string(std::size_t)>& input) {
+  const std::filesystem::path file = folder / "failures.csv";
+  if (failures.empty()) {
+    std::error_code ignored;
+    std::filesystem::remove(file, ignored);
+    return {};
+  }
+  const auto quoted = [](std::string text) {
+    for (std::size_t at = 0; (at = text.find('"', at)) != std::string::npos; at += 2) text.insert(at, 1, '"');
+    return '"' + text + '"';
+  };
+  std::string text = "part,attempts,message,input\n";
+  for (const TaskFailure& f : failures) {
+    const std::string of = name(f.task);
+    text += fmt::format("{},{},{},{}\n", of.find_first_of(",\"") == std::string::npos ? of : quoted(of), f.attempts,
+                        quoted(f.error.message), quoted(input(f.task)));
+  }
+  return write_file(file, text, Existing::replace).map_error([&](Error error) {
+    error.message = fmt::format("{}; {}", text_of(failures, name), error.message);
+    return error;
+  });
 }
 
 }  // namespace tribotwin::twin

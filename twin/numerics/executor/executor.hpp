@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstddef>
+#include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
@@ -29,12 +30,17 @@ struct Tasks {
   /// Rank 0, one call at a time, in the order in which tasks finish: the result is to be kept. An error (a full disk)
   /// ends all. May be empty.
   std::function<Result<void>(std::size_t task, const std::string& result)> keep;
-  /// Rank 0, before the first task: those (of smaller number) that must be done before this one. May be empty.
-  std::function<std::vector<std::size_t>(std::size_t task)> after;
-  /// Rank 0, when a task is handed out: its input, made from results of the tasks before it. Empty: "".
-  std::function<std::string(std::size_t task, const std::vector<std::string>& results)> input;
+  /// Rank 0: a task has failed for good. May be empty.
+  std::function<void(const TaskFailure&)> failed;
+  /// Rank 0, when a task is handed out: its input. Empty: "".
+  std::function<std::string(std::size_t task)> input;
+  /// Rank 0: how many tasks there are by now, where results lead to further ones; asked at the beginning and when a
+  /// task is over. Then the outcome has no results, `keep` gets them. Empty: `count`.
+  std::function<std::size_t()> grown;
   /// Rank 0: after each task that is over. May be empty.
   std::function<void(std::size_t over, std::size_t of)> progress;
+  /// Rank 0: every second or more often, while tasks are under way. May be empty.
+  std::function<void()> meanwhile;
 };
 
 struct ExecutorOptions {
@@ -55,9 +61,15 @@ struct Outcome {
 Result<Outcome> carry_out(const Tasks& tasks, const ExecutorOptions& options, Ranks& ranks = twin::ranks());
 
 /// The number that the user asked for; where that is 0, all cores, and one on each of several ranks.
-unsigned threads_of(unsigned wanted, const Ranks& ranks = twin::ranks());
+unsigned threads_of(unsigned wanted, int ranks = twin::ranks().size());
 
 /// The first failures in one sentence each: "NAME: MESSAGE (2 attempts)". `name`: of a task.
 std::string text_of(const std::vector<TaskFailure>& failures, const std::function<std::string(std::size_t)>& name);
+
+/// FOLDER/failures.csv: each task that failed, with its name and what it was made from; no such file where none has. An
+/// error (a full disk) also says what has failed.
+Result<void> write_failures(const std::filesystem::path& folder, const std::vector<TaskFailure>& failures,
+                            const std::function<std::string(std::size_t)>& name,
+                            const std::function<std::string(std::size_t)>& input);
 
 }  // namespace tribotwin::twin

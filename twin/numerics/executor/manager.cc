@@ -5,9 +5,9 @@
 
 namespace tribotwin::twin {
 
-void Manager::order(std::size_t earlier, std::size_t task) {
-  later_[earlier].push_back(task);
-  if (waits_for_[task]++ == 0) std::erase(todo_, task);
+void Manager::add(std::size_t task) {
+  todo_.push_back(task);
+  ++open_;
 }
 
 void Manager::enroll(int rank, unsigned threads) {
@@ -56,31 +56,21 @@ void Manager::over(int rank, double seconds) {
 
 void Manager::succeeded(int rank, std::size_t task, double seconds) {
   over(rank, seconds);
+  attempts_.erase(task);
   --open_;
-  for (const std::size_t later : later_[task])
-    if (const auto waits = waits_for_.find(later); waits != waits_for_.end() && --waits->second == 0)
-      todo_.push_front(later);
 }
 
-/// Neither this task nor those that wait for it.
-void Manager::give_up(std::size_t task) {
-  --open_;
-  // One that waits for several may be given up once only.
-  for (const std::size_t later : std::exchange(later_[task], {}))
-    if (waits_for_.erase(later)) give_up(later);
-}
-
-void Manager::failed(int rank, std::size_t task, Error error, double seconds) {
+const TaskFailure* Manager::failed(int rank, std::size_t task, Error error, double seconds) {
   over(rank, seconds);
   Attempt& attempt = attempts_[task];
   attempt.last_rank = rank;
   if (++attempt.number <= retries_ && error.kind == ErrorKind::work) {
     again_.push_back(task);
-    return;
+    return nullptr;
   }
-  give_up(task);
-  failures_.insert(std::ranges::upper_bound(failures_, task, {}, &TaskFailure::task),
-                   {task, attempt.number, std::move(error)});
+  --open_;
+  return &*failures_.insert(std::ranges::upper_bound(failures_, task, {}, &TaskFailure::task),
+                            {task, attempt.number, std::move(error)});
 }
 
 void Manager::returned(int rank, std::size_t task) {

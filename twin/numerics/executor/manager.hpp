@@ -28,15 +28,16 @@ class Manager {
   Manager(std::deque<std::size_t> tasks, int retries, double lead_s)
       : todo_(std::move(tasks)), retries_(retries), lead_s_(lead_s), open_(todo_.size()) {}
 
-  /// Before the first grant: `task` is done after `earlier`, which is not done yet, and never where that fails.
-  void order(std::size_t earlier, std::size_t task);
+  /// A further task, behind the others.
+  void add(std::size_t task);
   /// A rank with this many threads takes part from now on.
   void enroll(int rank, unsigned threads);
   /// The tasks that the rank shall have in addition to those it has; none while it has enough.
   std::vector<std::size_t> grant(int rank);
   /// A task was done in this time [s].
   void succeeded(int rank, std::size_t task, double seconds);
-  void failed(int rank, std::size_t task, Error error, double seconds);
+  /// The failure where the task is not tried again; else null.
+  const TaskFailure* failed(int rank, std::size_t task, Error error, double seconds);
   /// A rank gives a task back: it was told to stop.
   void returned(int rank, std::size_t task);
   /// No further task begins.
@@ -59,14 +60,11 @@ class Manager {
     int number = 0, last_rank = -1;
   };
   void over(int rank, double seconds);
-  void give_up(std::size_t task);
   bool next(int rank, std::size_t& task);
 
   std::deque<std::size_t> todo_;
   std::deque<std::size_t> again_;  ///< failed before
   std::map<std::size_t, Attempt> attempts_;
-  std::map<std::size_t, std::vector<std::size_t>> later_;  ///< per task those that wait for it
-  std::map<std::size_t, std::size_t> waits_for_;           ///< per task the number of those that it waits for
   std::map<int, Member> members_;
   std::vector<TaskFailure> failures_;
   int retries_;

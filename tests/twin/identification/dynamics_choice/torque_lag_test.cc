@@ -161,6 +161,26 @@ TEST(TorqueLag, LeavesNoErrorInTheParameters) {
   EXPECT_NEAR(found->fit.relative_error, on_time->fit.relative_error, 0.1 * on_time->fit.relative_error);
 }
 
+/// A lag of the mean is none of a file's: its sigma says so, and files are told apart by theirs.
+TEST(TorqueLag, CountsThatFilesDiffer) {
+  Arm arm;
+  const double late_s[] = {0.012, -0.008, 0.002};
+  std::vector<RobotRecording> recordings;
+  for (unsigned f = 0; f < 3; ++f) recordings.push_back(arm.recording({.lag_s = {late_s[f], 0.004}}, 5 + f));
+  const auto found = arm.found(recordings);
+  ASSERT_TRUE(found) << found.error().message;
+  const auto alike =
+      arm.found({arm.recording({.lag_s = {0.002, 0.004}}, 5), arm.recording({.lag_s = {0.002, 0.004}}, 6),
+                 arm.recording({.lag_s = {0.002, 0.004}}, 7)});
+  ASSERT_TRUE(alike) << alike.error().message;
+  EXPECT_GT(found->lag[0].sigma, 4 * alike->lag[0].sigma);
+  EXPECT_GT(found->lag[0].sigma, 0.003);
+  EXPECT_LT(spread_of(found->fit.lag_of_files, 0).chance(), 1e-6);
+  for (const Index j : {0, 1}) EXPECT_GT(spread_of(alike->fit.lag_of_files, j).chance(), 1e-3) << "joint " << j;
+  for (const FileLag& lag : found->fit.lag_of_files)
+    if (lag.joint == 0) EXPECT_NEAR(lag.value_s, late_s[lag.file], 4 * lag.sigma_s + 0.001) << "file " << lag.file;
+}
+
 TEST(TorqueLag, OfATorqueWithoutMotionIsHeldAndNamed) {
   Arm arm;
   const auto found = arm.found({arm.recording({.lag_s = {0.003, 0}, .offset_only = 1}, 3)});

@@ -114,7 +114,7 @@ class Tab:
             raise RuntimeError(expression + ": " + str(result["exceptionDetails"].get("exception", result)))
         return result["result"].get("value")
 
-    def until(self, expression, seconds=8):
+    def until(self, expression, seconds=30):
         """The first true value, else the last one."""
         end = time.monotonic() + seconds
         while True:
@@ -134,6 +134,42 @@ class Tab:
         press = {"key": key, "windowsVirtualKeyCode": code, "modifiers": modifiers}
         self.command("Input.dispatchKeyEvent", type="keyDown", **press, **text)
         self.command("Input.dispatchKeyEvent", type="keyUp", **press)
+
+    def click(self, selector):
+        """With the mouse, in the middle of what is seen of it."""
+        place = self.value(
+            f"""(() => {{ const e = document.querySelector({json.dumps(selector)});
+          e.scrollIntoView({{block: 'center'}}); const r = e.getBoundingClientRect();
+          const x = r.x + r.width / 2, y = r.y + r.height / 2, at = document.elementFromPoint(x, y);
+          return e === at || e.contains(at) ? [x, y] : String(at?.outerHTML).slice(0, 200); }})()"""
+        )
+        if isinstance(place, str):
+            raise RuntimeError(f"{selector} is covered by {place}")
+        for kind in ("mousePressed", "mouseReleased"):
+            self.mouse(kind, *place, button="left", clickCount=1)
+
+    def fill(self, selector, text):
+        """Clicks on an input and types in place of what is there."""
+        self.click(selector)
+        select_all = {"modifiers": 2, "commands": ["selectAll"]}
+        self.command("Input.dispatchKeyEvent", type="keyDown", key="a", windowsVirtualKeyCode=65, **select_all)
+        self.command("Input.dispatchKeyEvent", type="keyUp", key="a", windowsVirtualKeyCode=65, modifiers=2)
+        self.command("Input.insertText", text=str(text))
+
+    def choose(self, selector, value):
+        """Goes through a list by the arrow keys."""
+        at = f"document.querySelector({json.dumps(selector)})"
+        self.value(at + ".focus()")
+        places = self.value(f"(e => [e.selectedIndex, [...e.options].findIndex(o => o.value === {json.dumps(value)})])"
+                            f"({at})")  # fmt: skip
+        if places[1] < 0:
+            raise RuntimeError(f"{selector} has no {value}")
+        way = ("ArrowDown", 40) if places[1] > places[0] else ("ArrowUp", 38)
+        while self.value(at + ".value") != value:
+            before = self.value(at + ".selectedIndex")
+            self.key(*way)
+            if self.value(at + ".selectedIndex") == before:
+                raise RuntimeError(f"{selector} stays at {before} of {places}")
 
     def mouse(self, kind, x, y, **more):
         self.command("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)

@@ -3,10 +3,7 @@ import http.server, json, os, struct, threading
 
 import frames
 
-LIBRARIES = {
-    "dygraph.min.js": "/usr/share/javascript/dygraphs/dygraph.min.js",
-    "three.min.js": "/usr/share/javascript/three/three.min.js",
-}
+LIBRARIES = {"three.min.js": "/usr/share/javascript/three/three.min.js"}
 TYPES = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
@@ -23,6 +20,7 @@ QUANTITIES = [
 ]
 JOINT = {"law": "load", "limit_degC": 120.0, "gear_ratio": 100.0, "parameters": ["Fc", "Fs", "Vs"]}
 COMMANDS = ["pause", "resume", "step", "marker", "fault", "ambient", "payload", "wear", "joint_fault"]
+COMMANDS += ["record", "export"]
 
 
 def geometry(joints):
@@ -115,6 +113,7 @@ class MockBench:
         self.folder, self.hello, self.viewers = folder, said_hello, set()
         self.messages, self.not_found, self.events = [], [], []
         self.refuse = set()  # names of commands
+        self.also = {}  # by such names, what else an answer has
         self.geometry = geometry(len(said_hello["joints"]))
         http.server.ThreadingHTTPServer.allow_reuse_address = True
         self.server = http.server.ThreadingHTTPServer(("127.0.0.1", port), Handler)
@@ -132,7 +131,7 @@ class MockBench:
         if message["type"] == "command":
             ok = message["do"] not in self.refuse
             answer = {"type": "done", "id": message["id"], "ok": ok, "message": "" if ok else "<b>not now</b>"}
-            viewer.send(json.dumps(answer))
+            viewer.send(json.dumps({**answer, **self.also.get(message["do"], {})}))
 
     def tell(self, payload):
         for viewer in list(self.viewers):

@@ -1,8 +1,8 @@
 """The page of the live bench in chromium, against a bench that says what the test wants. Argument: source tree."""
-import json, math, sys
+import base64, json, math, sys
 
 from harness import check, finish, path, work
-import devtools, mock_bench, scene_checks
+import devtools, mock_bench, scene_checks, shown
 
 JOINTS = 6
 TEMPERATURES = [41.2, 74.6, 55.123456789012345, 38.9, 113.4, 47.7]
@@ -20,7 +20,7 @@ def row(number):
 
 def status(**changes):
     names = [f"joint{j + 1}" for j in range(JOINTS)]
-    drives = [{"joint": name, "bus": "can0", "node": j + 1, "nmt": "operational"} for j, name in enumerate(names)]
+    drives = [{"joint": name, "bus": 0, "node": j + 1, "nmt": "operational"} for j, name in enumerate(names)]
     for j, drive in enumerate(drives):
         drive.update(state="operation enabled", mode="CSP", error_code=0, error_text=None, brake=False)
         drive.update(target={"position_rad": j / 7, "torque_nm": None}, following_error_rad=j / 3000)
@@ -82,7 +82,7 @@ def check_first_sight(tab):
     check("one tile is wrong, one is warmest", marked == [["drive_joint3"], ["drive_joint5"]], marked)
     tile = tab.value("document.querySelector('#drive_joint3').innerText")
     check("its tile says state, NMT, mode and node", all(
-        s in tile for s in ("fault", "NMT operational · CSP · can0\u00a0node\u00a03", "brake\nset")), tile)  # fmt: skip
+        s in tile for s in ("fault", "NMT operational · CSP · node\u00a03", "brake\nset")), tile)  # fmt: skip
     red = """[...document.querySelectorAll('.tile *')].filter(e => e.offsetParent && getComputedStyle(e).color ===
       getComputedStyle(document.querySelector('.tile .fault:not([hidden])')).color).map(e => e.closest('.tile').id)"""
     check("red is on that tile alone", set(tab.value(red)) == {"drive_joint3"}, tab.value(red))
@@ -119,7 +119,7 @@ def check_lost_rows(tab, bench):
 
 def check_plots(tab):
     tab.value("document.querySelector('.history').scrollIntoView({block: 'center'})")  # what is not seen is not drawn
-    box = tab.until("(() => { const r = document.querySelector('.area canvas')?.getBoundingClientRect();"
+    box = tab.until("(() => { const r = document.querySelector('.area[data-row] canvas')?.getBoundingClientRect();"
                     "return r && {x: r.x, y: r.y, w: r.width, h: r.height}; })()")  # fmt: skip
     tab.value("document.querySelector('.history').focus()")
     tab.key("End", 35)
@@ -166,6 +166,26 @@ def check_law(tab, bench):
         ".getImageData(0, 0, c.width, c.height).data].filter((v, i) => i % 4 === 3 && v > 200).length; })()"
     )
     check("something is drawn", drawn > 500, drawn)
+    said = {"type": "law", "joint": "joint1", "temperature_degC": 42.0, "load_norm": 0.125}
+    bench.say({**said, "speed_rad_s": [v - 40 for v in range(81)], "friction_nm": [70 + v for v in range(81)]})
+    tab.until(text + ".includes('42.0')")
+    law = lambda: scene_checks.near(tab.pixels("#friction_canvas"), (0x0B, 0x5E, 0xA8), 20)
+    seen = law()
+    check("backwards it is drawn over the amount of speed", seen[:, 70:].sum() > 300, seen.sum())
+    check("none of it beside the axes", not seen[:, :60].any(), seen[:, :60].sum())
+
+
+def check_print(tab):
+    """Also what is out of sight is drawn for paper, and after it the page is as before."""
+    rows = "[...document.querySelectorAll('.area')].map(a => a.dataset.row)"
+    tab.value("document.querySelector('#keys').scrollIntoView()")
+    newest = tab.value("document.querySelector('#drives').dataset.row")
+    paper = tab.command("Page.printToPDF")["data"]
+    check("on paper all histories are there", tab.value(rows) == 4 * [newest], (tab.value(rows), newest))
+    check("it is a PDF", base64.b64decode(paper)[:5] == b"%PDF-")
+    kept = tab.value("[document.documentElement.className, document.querySelector('.area').style.width]")
+    check("then the page is as before", kept == ["", ""], kept)
+    tab.value("scrollTo(0, 0)")
 
 
 def submit(tab, name, **values_of):
@@ -217,6 +237,100 @@ def check_commands(tab, bench):
     check("a number out of range is not sent", len(bench.messages) == 10, bench.messages[10:])
 
 
+def check_files(tab, bench):
+    """What is recorded is said while it is, and what an export really holds."""
+    bench.messages.clear()
+    form = "document.querySelector('form[data-do=record]')"
+    check("nothing is recorded at first", tab.value(f"{form}.innerText").endswith("No page records."))
+    exported = {"name": "live-0012.5s.h5", "rows": 1200, "lost_rows": 0, "from_s": 0.1, "to_s": 1.3, "minutes": 0.375}
+    message = "live-0012.5s.h5: 1200 rows, 0.375 of 2.5 min asked for"
+    bench.also = {"export": {"message": message, "file": exported}}
+    shown.press(tab, "record", {"messages": "json"})
+    file = {"name": "live-0001.5s.mcap", "rows": 12345, "lost_rows": 0, "from_s": 1.5, "to_s": 13.845,
+            "minutes": 0.20575}  # fmt: skip
+    bench.say(status(file=file, recording=True))
+    stop = f"{form}.querySelector('button').textContent === 'Stop recording'"
+    check("the button ends what was begun", tab.until(stop))
+    said = tab.value(f"{form}.innerText")
+    check("the page says into which file", "live-0001.5s.mcap gets all rows" in said, said)
+    numbers = values(tab, "form[data-do=record]")
+    check("and how much it has", numbers == {"file.rows": 12345, "file.lost_rows": 0, "file.minutes": 0.20575}, numbers)
+    red = f"getComputedStyle({form}.querySelector('[data-name=\"file.lost_rows\"]')).color"
+    calm = tab.value(red)
+    bench.say(status(file={**file, "lost_rows": 7}, recording=True))
+    check("lost rows of a file are red", tab.until(f"{red} !== '{calm}'"), (calm, tab.value(red)))
+    shown.press(tab, "record")
+    bench.say(status())
+    check("then it begins anew", tab.until(f"{form}.innerText.endsWith('No page records.')"))
+    answer = shown.press(tab, "export", {"format": "h5"}, minutes="2.5")
+    want = "\u2714 export, minutes 2.5, format h5: done, live-0012.5s.h5: 1200 rows, 0.375 of 2.5 min asked for"
+    check("an export is answered with its file and what it holds", answer == ["done", want], answer)
+    shown.press(tab, "export", {"format": "mcap", "messages": "ros2"}, minutes="1")
+    asked = [{k: v for k, v in m.items() if k not in ("type", "id")} for m in bench.messages]
+    want = [{"do": "record", "on": True, "messages": "json"}, {"do": "record", "on": False},
+            {"do": "export", "minutes": 2.5, "format": "h5"},
+            {"do": "export", "minutes": 1, "format": "mcap", "messages": "ros2"}]  # fmt: skip
+    check("all as the protocol says", asked == want, asked)
+
+
+def check_losses(tab, bench):
+    """Lost events are wrong; foreign frames are nobody's fault."""
+    lost = "document.querySelector('#lost_events')"
+    hidden = f"{lost}.parentElement.hidden"
+    check("no lost event, no word of it", tab.value(hidden) is True)
+    bench.say(status(lost_events=3))
+    check("lost events are counted", tab.until(f"!{hidden}") and values(tab, "#lost_events") == {"events_lost": 3})
+    colours = tab.value(
+        f"[{lost}, document.querySelector('#bus_can0 [data-name=foreign]'), document.querySelector('#wrong_list a') "
+        "?? document.querySelector('.fault')].map(e => getComputedStyle(e).color)"
+    )
+    check("they are red, foreign frames are not", colours[0] == colours[2] != colours[1], colours)
+    bench.say(status())
+    tab.until(hidden)
+
+
+EDGES = """[...document.querySelectorAll('#bus_can0 .edge')].map(t => (r => [t.textContent, r.left, r.right])(
+  t.getBoundingClientRect())).sort((a, b) => a[1] - b[1])"""
+
+
+def check_histogram(tab, bench):
+    """Bins of a real session: labels where they fit, none over another, at any width."""
+    limits = [20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 320, 384, 448, 512, 640, 768, 896,
+              1024, 1280, 1536, 1792, 2048, 2560, 3072, 3584, 4096]  # fmt: skip
+    said = status()
+    said["buses"][0]["sync_to_tpdo_us"]["histogram"] = [[limit, 3 + limit % 7] for limit in limits]
+    for width in (360, 1440):
+        tab.window(width, 900)
+        bench.say(said)
+        tab.until(f"(e => e.length && e.at(-1)[0].startsWith('4096'))({EDGES})")
+        edges = tab.until(f"(e => e.length > 4 && e.at(-1)[2] <= innerWidth && e)({EDGES})")
+        names = [e[0] for e in edges]
+        check(f"{width} px: labels of bins, with their unit", names[-1] == "4096\u00a0\u00b5s" and len(names) > 4 and
+              {int(n.split()[0]) for n in names} <= set(limits), names)  # fmt: skip
+        over = [(a, b) for a, b in zip(edges, edges[1:]) if a[2] >= b[1]]
+        check(f"{width} px: none over another", not over, over)
+    bench.say(status())
+
+
+def check_keyboard(tab, bench):
+    """A command by keys alone."""
+    bench.messages.clear()
+    tab.value("document.activeElement.blur()")
+    tab.key("m")
+    tab.command("Input.insertText", text="by hand")
+    tab.command("Input.dispatchKeyEvent", type="keyDown", key="Enter", windowsVirtualKeyCode=13, text="\r")
+    tab.until("document.querySelector('#answers li').textContent.includes('by hand: done')")
+    said = [(m["do"], m["text"]) for m in bench.messages]
+    check("m and Enter mark by keyboard alone", said == [("marker", "by hand")], said)
+    tab.value("document.activeElement.blur()")
+    reached = tab.value(
+        "[...document.querySelectorAll('a[href], button, select, input, summary, [tabindex]')]"
+        ".filter(e => e.offsetParent && e.tabIndex < 0 && !e.matches('.tile, .scene_label, #drives'))"
+        ".map(e => e.outerHTML)"
+    )
+    check("every control is reached by Tab", reached == [], reached)
+
+
 def check_events(tab, bench):
     bench.say({"type": "event", "time_s": 1.25, "kind": "emcy", "joint": "joint3", "text": "8611h <img src=x>"})
     bench.say({"type": "event", "time_s": 1.375, "kind": "marker", "joint": None, "text": "here"})
@@ -246,7 +360,7 @@ def check_reconnect(tab, bench, folder):
         "a command without connection is not called sent", answer == "resume: not sent, there is no connection", answer
     )
     again = mock_bench.MockBench(folder, mock_bench.hello(session="second", commands=["marker", "later"]), port)
-    check("it comes back by itself", tab.until("document.body.dataset.link === 'up'", 12))
+    check("it comes back by itself", tab.until("document.body.dataset.link === 'up'"))
     again.rows(0, [row(n) for n in range(50)])
     received(tab, 50)
     check("another session begins anew: nothing is lost", values(tab, "#lost") == {"rows_lost": 0})
@@ -268,7 +382,7 @@ def check_widths(tab):
     for width, height in ((360, 740), (768, 1024), (1440, 900), (3840, 2160)):
         for scheme in ("light", "dark"):
             tab.window(width, height, scheme)
-            tab.until("document.querySelector('.area canvas').getBoundingClientRect().right <= innerWidth", 2)
+            tab.until("document.querySelector('.area canvas').getBoundingClientRect().right <= innerWidth")
             over = tab.value(OVERFLOW)
             check(f"nothing is wider than {width} px, {scheme}", over[0] <= 0 and not over[1], over)
             tab.picture(path(f"{width}_{scheme}.png"))
@@ -303,7 +417,7 @@ def check_memory(tab, bench):
         bench.rows(first, [row(n)[:7] + [0.0] * 4089 for n in range(first, first + 100)])
     received(tab, 2000)
     kept = tab.until("(t => t.includes(' min at') && t)(document.querySelector('#kept').textContent)")
-    said = "This page keeps the last 1 536 rows of 4096 numbers (48 MiB), 0.0 min at the rate of now"
+    said = "This page keeps the last 1\u00a0536 rows of 4096 numbers (48 MiB), 0.0 min at the rate of now"
     check("the page says how much it keeps", kept.startswith(said), kept)
     tab.value("document.querySelector('#window').value = '0', document.querySelector('#window').onchange()")
     tab.value("document.querySelector('.history').focus()")
@@ -330,6 +444,11 @@ def main():
         check_plots(tab)
         check_law(tab, bench)
         check_commands(tab, bench)
+        check_keyboard(tab, bench)
+        check_files(tab, bench)
+        check_losses(tab, bench)
+        check_histogram(tab, bench)
+        check_print(tab)
         check_events(tab, bench)
         scene_checks.check_hands(tab)
         scene_checks.check_colours(tab, bench, row)

@@ -22,9 +22,11 @@ def drawn(tab, row):
 
 
 def redrawn(tab, act):
+    """Whether the picture is drawn anew by it, and with every view that it asked for."""
     before = int(tab.value(CANVAS + ".dataset.drawings"))
     act()
-    return tab.until(f"Number({CANVAS}.dataset.drawings) > {before}", 3)
+    return tab.until(f"Number({CANVAS}.dataset.drawings) > {before} && {CANVAS}.dataset.view === "
+                     f"{CANVAS}.dataset.asked", 30)  # fmt: skip
 
 
 def middle(where):
@@ -117,7 +119,7 @@ def check_choice(tab):
 def check_hidden(tab, bench):
     """Scrolled away or in a hidden tab nothing is drawn."""
     tab.value("document.querySelector('#keys').scrollIntoView()")
-    tab.until("document.querySelector('#robot').getBoundingClientRect().bottom < 0", 3)
+    tab.until("document.querySelector('#robot').getBoundingClientRect().bottom < 0")
     tab.value("new Promise(done => setTimeout(done, 300))")
     before = tab.value(CANVAS + ".dataset.drawings")
     for row in range(1510, 1520):

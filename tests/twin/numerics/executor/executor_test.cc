@@ -171,28 +171,40 @@ TEST(Executor, DoesNotRepeatWhatIsThere) {
   }
 }
 
-TEST(Executor, ATaskGetsTheResultsOfThoseBeforeIt) {
-  // 0, 1 and 2, 3 make the inputs of 4 and 5; what follows a failure is not done.
-  const Tasks tasks{.count = 6,
-                    .work = [](std::size_t i, const std::string& input) -> Result<std::string> {
-                      if (i == 3) return work_failed("no");
-                      return i < 4 ? std::to_string(i) : "sum of " + input;
-                    },
-                    .after =
-                        [](std::size_t i) {
-                          return i < 4 ? std::vector<std::size_t>{} : std::vector<std::size_t>{2 * i - 8, 2 * i - 7};
+TEST(Executor, ResultsLeadToFurtherTasks) {
+  // Collatz: each result is the input of the next task of its chain, until 1; what follows a failure is not done.
+  for (const int size : {1, 3}) {
+    std::vector<std::string> inputs{"6", "7", "-1"};
+    std::map<std::string, int> kept;
+    std::vector<std::size_t> lost;
+    const auto outcomes = on_ranks(size, [&](Ranks& ranks) {
+      const Tasks tasks{.work = [](std::size_t, const std::string& input) -> Result<std::string> {
+                          const int n = std::stoi(input);
+                          if (n < 0) return work_failed("no");
+                          return std::to_string(n % 2 ? 3 * n + 1 : n / 2);
                         },
-                    .input =
-                        [](std::size_t i, const std::vector<std::string>& results) {
-                          return i < 4 ? "" : results[2 * i - 8] + "+" + results[2 * i - 7];
-                        }};
-  for (const int size : {1, 3})
-    for (const auto& outcome : on_ranks(size, [&](Ranks& ranks) { return carry_out(tasks, {.retries = 0}, ranks); })) {
-      EXPECT_THAT(outcome->results, ElementsAre("0", "1", "2", "", "sum of 0+1", ""));
+                        .keep = [&](std::size_t, const std::string& result) -> Result<void> {
+                          ++kept[result];
+                          if (result != "1") inputs.push_back(result);
+                          return {};
+                        },
+                        .failed = [&](const TaskFailure& failure) { lost.push_back(failure.task); },
+                        .input = [&](std::size_t i) { return inputs[i]; },
+                        .grown = [&] { return inputs.size(); }};
+      return carry_out(tasks, {.retries = 1}, ranks);
+    });
+    for (const auto& outcome : outcomes) {
+      ASSERT_TRUE(outcome);
+      EXPECT_THAT(outcome->results, IsEmpty());
       ASSERT_THAT(outcome->failures, SizeIs(1));
-      EXPECT_EQ(outcome->failures[0].task, 3u);
-      EXPECT_FALSE(outcome->stopped);
+      EXPECT_EQ(outcome->failures[0].task, 2u);
+      EXPECT_EQ(outcome->failures[0].attempts, 2);
     }
+    EXPECT_THAT(lost, ElementsAre(2u));
+    EXPECT_EQ(inputs.size(), 3u + 8 - 1 + 16 - 1);  // 6 gets to 1 in 8 steps, 7 in 16
+    EXPECT_EQ(kept["1"], 2);
+    EXPECT_EQ(kept["10"], 2);
+  }
 }
 
 TEST(Executor, AResultThatCannotBeKeptEndsAllRanks) {
