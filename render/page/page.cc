@@ -10,6 +10,26 @@
 namespace tribotwin::render {
 namespace {
 
+/// Below this width a table of this class becomes a list of rows, each value with its head beside it.
+std::string list_of_rows(std::string_view table, int width_px) {
+  std::string css = R"(@media screen and (max-width: WIDTHpx) {
+  table.X thead { display: none; }
+  table.X, table.X tbody, table.X tr, table.X th, table.X td { display: block; }
+  table.X tr { border-top: 1px solid LINE; padding: 6px 0; }
+  table.X th, table.X td, table.X td.number { border-top: 0; max-width: none; padding: 2px 10px; text-align: left;
+    white-space: normal; word-break: keep-all; }
+  table.X td { display: flex; justify-content: space-between; gap: 1em; overflow-wrap: anywhere; }
+  table.X td::before { content: attr(data-label); color: SOFT; }
+}
+)";
+  const auto put = [&](std::string_view name, std::string_view value) {
+    for (std::size_t at; (at = css.find(name)) != std::string::npos;) css.replace(at, name.size(), value);
+  };
+  put(".X", fmt::format(".{}", table));
+  put("WIDTH", fmt::format("{}", width_px));
+  return css;
+}
+
 // Without characters that XML escapes: browsers take the content of <style> as it is.
 std::string style() {
   std::string css = R"(
@@ -45,6 +65,7 @@ figure { margin: 0; padding: 12px; min-width: 0; }
 figure.wide, figure:last-child:nth-child(odd) { grid-column: 1 / -1; }
 figure svg { max-width: 660px; margin: 0 auto; }
 figure.wide svg { max-width: 880px; }
+figure svg { background: PAPER; }
 figure svg, figure img { display: block; width: 100%; height: auto; border-radius: 5px; }
 figure svg text, figure svg tspan { font-family: FONT; }
 figcaption { color: SOFT; font-size: .9rem; margin-top: 8px; overflow-wrap: anywhere; }
@@ -54,26 +75,26 @@ th, td { padding: 7px 14px; text-align: left; border-top: 1px solid LINE; vertic
 thead th, thead th.number { border-top: 0; color: SOFT; font-weight: 600; vertical-align: bottom; white-space: normal; }
 td:last-child:not(.number) { min-width: 20ch; }
 td.number, th.number { text-align: right; white-space: nowrap; }
+table.wide td.number { white-space: normal; }
+table.wide th, table.wide td { padding: 6px 8px; }
+table.wide td:last-child:not(.number) { min-width: 0; }
 th[scope=row] { font-weight: 600; overflow-wrap: break-word; max-width: 32ch; }
 pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace;
   white-space: pre-wrap; overflow-wrap: anywhere; }
 @media (max-width: 1200px) { th, td { padding: 6px 8px; } }
-@media (max-width: 600px) { main { padding: 18px 12px 32px; } th, td { padding: 6px 8px; } }
-@media screen and (max-width: 760px) {
-  table.many thead { display: none; }
-  table.many, table.many tbody, table.many tr, table.many th, table.many td { display: block; }
-  table.many tr { border-top: 1px solid LINE; padding: 6px 0; }
-  table.many th, table.many td, table.many td.number { border-top: 0; max-width: none; padding: 2px 10px;
-    text-align: left; white-space: normal; word-break: keep-all; }
-  table.many td { display: flex; justify-content: space-between; gap: 1em; overflow-wrap: anywhere; }
-  table.many td::before { content: attr(data-label); color: SOFT; }
+@media (max-width: 600px) {
+  main { padding: 18px 12px 32px; }
+  th, td { padding: 6px 8px; }
+  td.number, th.number { white-space: normal; }
+  td:last-child:not(.number) { min-width: 0; }
 }
+NARROW
 @media screen and (prefers-color-scheme: dark) {
   body { background: #12161c; color: #e6eaf0; color-scheme: dark; }
   .tile, figure, .notice, .scroll, pre { background: #1b212a; border-color: #3a4452; }
   .soft, .tile .name, .tile .more, figcaption, thead th, thead th.number, summary { color: #b3bdca; }
-  th, td, table.many tr { border-color: #3a4452; }
-  table.many td::before { color: #b3bdca; }
+  th, td, table tr { border-color: #3a4452; }
+  table td::before { color: #b3bdca; }
   .good { color: #6fd39a; }
   .warn { color: #f0c060; }
   .bad { color: #ff9a90; }
@@ -103,6 +124,7 @@ pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaV
   const auto put = [&](std::string_view name, const std::string& value) {
     for (std::size_t at; (at = css.find(name)) != std::string::npos;) css.replace(at, name.size(), value);
   };
+  put("NARROW", list_of_rows("many", 640) + list_of_rows("wide", 1000));
   put("PAGE", hex(theme::page));
   put("PAPER", hex(theme::paper));
   put("INK", hex(theme::ink));
@@ -144,8 +166,8 @@ void prefix_ids(pugi::xml_node node, const std::string& prefix) {
   }
 }
 
-/// A table of more columns becomes a list of rows, each with its heads beside it, where the window is narrow.
-constexpr std::size_t columns_of_a_phone = 4;
+/// A table of more columns becomes a list of rows where the window is narrow.
+constexpr std::size_t columns_of_a_phone = 3, columns_of_a_tablet = 5;
 
 bool numeric(std::string_view cell) {
   return !cell.empty() &&
@@ -218,7 +240,7 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
   scroll.append_attribute("tabindex") = "0";
   auto table = scroll.append_child("table");
   const bool many = head.size() > columns_of_a_phone;
-  if (many) table.append_attribute("class") = "many";
+  if (many) table.append_attribute("class") = head.size() > columns_of_a_tablet ? "many wide" : "many";
   const auto kind = [&](std::size_t column) {
     const bool any = column > 0 && std::ranges::any_of(rows, [&](const auto& row) {
                        return column < row.size() && numeric(row[column]);

@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <iterator>
 
 #include <fmt/format.h>
@@ -65,35 +67,76 @@ Features from_logarithms(const Features& y) {
   return f;
 }
 
-/// Friction of a healthy joint over speed at the temperature of an observation, and the 95 % band of a new curve there.
-struct HealthyCurve {
-  std::vector<double> speed_rad_s, friction_nm, half_width_nm;
-};
+constexpr double two_sided_95 = 1.96;
 
-HealthyCurve healthy_curve(const HealthyState& h, const Observation& o, double speed_max_rad_s) {
-  constexpr double two_sided_95 = 1.96;
-  const Features expected = o.logarithmic() - h.deviation(o);
+/// Covariance of the logarithmic features of a healthy joint's next curve at the temperature of an observation.
+FeatureMatrix healthy_covariance(const HealthyState& h, const Observation& o) {
   const Eigen::VectorXd x = h.regressors(o.temperature_degC);
-  const double factor =
-      std::max(h.region[0].variance(x, h.scatter_of(o, 0)), h.region[1].variance(x, h.scatter_of(o, 1)));
-  const FeatureMatrix covariance = factor * h.together;
-  HealthyCurve c;
-  for (std::size_t i = 0; i <= curve_points; ++i) {
-    const double v = speed_max_rad_s * static_cast<double>(i) / static_cast<double>(curve_points);
-    const double middle = friction_nm(from_logarithms(expected), v);
-    Features slope;
-    for (Eigen::Index k = 0; k < feature_count; ++k) {
-      constexpr double step = 1e-5;
-      Features moved = expected;
-      moved[k] += step;
-      slope[k] = (friction_nm(from_logarithms(moved), v) - middle) / step;
-    }
-    c.speed_rad_s.push_back(v);
-    c.friction_nm.push_back(middle);
-    c.half_width_nm.push_back(two_sided_95 * std::sqrt(std::max(0.0, slope.dot(covariance * slope))));
-  }
-  return c;
+  Features scale;
+  for (std::size_t r = 0; r < regions.size(); ++r)
+    scale.segment(regions[r].first, regions[r].count)
+        .setConstant(std::sqrt(h.region[r].variance(x, h.scatter_of(o, r))));
+  return scale.asDiagonal() * h.together * scale.asDiagonal();
 }
+
+/// What `of` makes of the features of a healthy joint, and how far 95 % of new curves are from it at most.
+struct Healthy {
+  double value, half_width;
+};
+Healthy healthy(const HealthyState& h, const Observation& o, auto of) {
+  const Features expected = o.logarithmic() - h.deviation(o);
+  const double value = of(from_logarithms(expected));
+  Features slope;
+  for (Eigen::Index k = 0; k < feature_count; ++k) {
+    constexpr double step = 1e-5;
+    Features moved = expected;
+    moved[k] += step;
+    slope[k] = (of(from_logarithms(moved)) - value) / step;
+  }
+  return {value, two_sided_95 * std::sqrt(std::max(0.0, slope.dot(healthy_covariance(h, o) * slope)))};
+}
+
+/// Days since 1970-01-01 of the first date in a name, "joint3_2026-03-14.csv".
+std::optional<double> day_of(const std::string& name) {
+  for (std::size_t i = 0; i + 10 <= name.size(); ++i) {
+    int year = 0, month = 0, day = 0, length = 0;
+    if (std::sscanf(name.c_str() + i, "%4d-%2d-%2d%n", &year, &month, &day, &length) != 3 || length != 10) continue;
+    const std::chrono::year_month_day date{std::chrono::year(year), std::chrono::month(static_cast<unsigned>(month)),
+                                           std::chrono::day(static_cast<unsigned>(day))};
+    if (date.ok()) return std::chrono::sys_days(date).time_since_epoch().count();
+  }
+  return std::nullopt;
+}
+
+std::string date_text(double day) {
+  const std::chrono::year_month_day date{std::chrono::sys_days(std::chrono::days(std::llround(day)))};
+  return fmt::format("{:04}-{:02}-{:02}", static_cast<int>(date.year()), static_cast<unsigned>(date.month()),
+                     static_cast<unsigned>(date.day()));
+}
+
+/// The days of observations, in the order given; nothing, and why, where they have none or go back.
+std::vector<double> days_of(DiagnosisData& d) {
+  std::vector<double> days;
+  for (const auto& o : d.checked)
+    if (const auto day = day_of(std::filesystem::path(o.file).filename().string())) days.push_back(*day);
+  if (days.size() != d.checked.size()) return {};
+  if (std::ranges::is_sorted(days)) return days;
+  d.missing.push_back(
+      "The files are not in the order of the dates in their names: there is no trend over dates, and changes add up in "
+      "the order given.");
+  return {};
+}
+
+/// A probability that is no certainty.
+std::string percent(double p) { return p > 0.99 ? "> 99 %" : p < 0.01 ? "< 1 %" : fmt::format("{:.0f} %", 100 * p); }
+
+std::string severity_text(const Pattern& p, double severity) {
+  return p.unit == "1" ? fmt::format("{:.2g} %", 100 * severity) : fmt::format("{:.2g} {}", severity, p.unit);
+}
+
+constexpr std::array<std::string_view, feature_count> in_words{"Coulomb friction Fc", "standstill friction Fs",
+                                                               "speed Vs, below which friction rises",
+                                                               "viscous friction Fv", "its exponent beta"};
 
 class Writer {
  public:
@@ -103,9 +146,9 @@ class Writer {
   Result<Report> write() {
     head();
     double share = 0;
-    for (const auto part : {&Writer::latest_curve, &Writer::over_time, &Writer::regions_shown}) {
+    for (const auto part : {&Writer::latest_curve, &Writer::over_dates, &Writer::over_time, &Writer::regions_shown}) {
       if (auto ok = (this->*part)(); !ok) return tl::unexpected(ok.error());
-      if (options_.progress) options_.progress(share += 1.0 / 3);
+      if (options_.progress) options_.progress(share += 0.25);
     }
     appendix();
     origin();
@@ -121,15 +164,24 @@ class Writer {
     return static_cast<std::size_t>(std::ranges::count_if(d_.verdicts, &Verdict::anomalous));
   }
 
+  std::string verdict() const {
+    const auto& last = d_.verdicts.back();
+    if (anomalous() == 0) return fmt::format("All {} observations are those of a healthy joint.", d_.verdicts.size());
+    std::string now = ", but the latest is.";
+    if (last.anomalous && last.cause)
+      now = fmt::format("; the latest looks like {}, {} (confidence {}).", last.cause->meaning,
+                        severity_text(*last.cause, last.severity), percent(last.confidence));
+    else if (last.anomalous)
+      now = "; the latest looks like no cause that is known.";
+    return fmt::format("{} of {} observations are not those of a healthy joint{}", anomalous(), d_.verdicts.size(),
+                       now);
+  }
+
   Opening opening() const {
     const auto& last = d_.verdicts.back();
     const bool now = last.anomalous, before = anomalous() > 0;
     Opening o{
-        .verdict =
-            !before ? fmt::format("All {} observations are those of a healthy joint.", d_.verdicts.size())
-                    : fmt::format(
-                          "{} of {} observations are not those of a healthy joint{}.", anomalous(), d_.verdicts.size(),
-                          now ? fmt::format("; the latest looks like {}", last.pattern) : ", but the latest is"),
+        .verdict = verdict(),
         .light = now      ? Light::red
                  : before ? Light::amber
                           : Light::green,
@@ -141,12 +193,32 @@ class Writer {
         .identity = identity_of(options_, h_.joint)};
     o.tiles.push_back({"anomalous", fmt::format("{} of {}", anomalous(), d_.verdicts.size()), "observations",
                        before ? "bad" : "good"});
-    o.tiles.push_back({"latest", std::string(last.pattern), fmt::format("confidence {:.0f} %", 100 * last.confidence),
-                       now ? "bad" : "good"});
+    add_friction(o.tiles);
     o.tiles.push_back({"equivalent load, latest", fmt::format("{:.3f} ± {:.3f}", last.load.load_norm, last.load.sigma),
-                       "of the maximum torque"});
-    o.tiles.push_back({"wear threshold", fmt::format("{:.3f}", last.load.threshold), "in equivalent load"});
+                       "of the maximum torque, one sigma"});
+    if (const auto& m = d_.watch.margin)
+      o.tiles.push_back(
+          {"left to the wear threshold", fmt::format("{:.3f}", m->load_norm.value),
+           fmt::format("95 %: {:.3f} … {:.3f} of the maximum torque", m->load_norm.low, m->load_norm.high)});
+    else
+      o.tiles.push_back({"wear threshold", fmt::format("{:.3f}", last.load.threshold), "in equivalent load"});
     return o;
+  }
+
+  /// Friction of the latest curve against that of a healthy joint at the same temperature and speeds.
+  void add_friction(std::vector<Tile>& tiles) const {
+    const auto& levels = d_.latest;
+    if (levels.speed_rad_s.empty()) return;
+    double measured = 0;
+    for (const double nm : levels.friction_nm) measured += nm;
+    const Healthy sum = healthy(h_, d_.checked.back(), [&](const Features& f) {
+      double all = 0;
+      for (const double v : levels.speed_rad_s) all += friction_nm(f, v);
+      return all;
+    });
+    tiles.push_back({"friction, latest", fmt::format("{:+.1f} %", 100 * (measured / sum.value - 1)),
+                     fmt::format("mean of its levels; 95 % of healthy joints lie within ± {:.1f} %",
+                                 100 * sum.half_width / sum.value)});
   }
 
   void head() {
@@ -178,10 +250,13 @@ class Writer {
     for (std::size_t i = 0; i < d_.verdicts.size(); ++i) {
       const auto& v = d_.verdicts[i];
       rows.push_back({fmt::format("{}", i + 1), temperature_of(d_.checked[i]), state(v.region[0].anomalous),
-                      state(v.region[1].anomalous), std::string(v.pattern),
-                      fmt::format("{:.0f} %", 100 * v.confidence)});
+                      state(v.region[1].anomalous), std::string(v.pattern), percent(v.confidence)});
+      if (!d_.days.empty()) rows.back().insert(rows.back().begin() + 1, date_text(d_.days[i]));
     }
-    page_.add_table(to, {"", "°C", "contact surfaces", "lubricant", "cause", "confidence"}, rows);
+    std::vector<std::string> columns{"number", "°C", "contact surfaces", "lubricant", "cause", "confidence"};
+    if (!d_.days.empty()) columns.insert(columns.begin() + 1, "date");
+    page_.add_table(to, columns, rows);
+    evidence(to);
   }
 
   static std::string temperature_of(const Observation& o) {
@@ -194,21 +269,29 @@ class Writer {
     const auto& levels = d_.latest;
     if (levels.speed_rad_s.empty()) return {};
     const Observation& o = d_.checked.back();
-    const HealthyCurve healthy = healthy_curve(h_, o, 1.05 * std::ranges::max(levels.speed_rad_s));
+    std::vector<double> speed;
+    std::vector<Healthy> band_of;
+    for (std::size_t i = 0; i <= curve_points; ++i) {
+      const double v = 1.05 * std::ranges::max(levels.speed_rad_s) * static_cast<double>(i) / curve_points;
+      speed.push_back(v);
+      band_of.push_back(healthy(h_, o, [v](const Features& f) { return friction_nm(f, v); }));
+    }
     Figure f{.title = "Latest curve and healthy friction",
              .x = {.quantity = "motor speed", .symbol = "{/:Italic v}", .unit = "rad/s", .from = 0},
              .y = {.quantity = "friction", .unit = "Nm"}};
     Series band{.mark = Mark::area, .label = "healthy, 95 %", .stroke = 0};
-    for (std::size_t i = 0; i < healthy.speed_rad_s.size(); ++i) {
-      band.x.push_back(healthy.speed_rad_s[i]);
-      band.y.push_back(healthy.friction_nm[i] + healthy.half_width_nm[i]);
+    Series middle{.label = "healthy", .x = speed, .stroke = 0};
+    for (std::size_t i = 0; i < speed.size(); ++i) {
+      middle.y.push_back(band_of[i].value);
+      band.x.push_back(speed[i]);
+      band.y.push_back(band_of[i].value + band_of[i].half_width);
     }
-    for (std::size_t i = healthy.speed_rad_s.size(); i-- > 0;) {
-      band.x.push_back(healthy.speed_rad_s[i]);
-      band.y.push_back(healthy.friction_nm[i] - healthy.half_width_nm[i]);
+    for (std::size_t i = speed.size(); i-- > 0;) {
+      band.x.push_back(speed[i]);
+      band.y.push_back(band_of[i].value - band_of[i].half_width);
     }
     f.series.push_back(std::move(band));
-    f.series.push_back({.label = "healthy", .x = healthy.speed_rad_s, .y = healthy.friction_nm, .stroke = 0});
+    f.series.push_back(std::move(middle));
     f.series.push_back({.mark = Mark::error_bars,
                         .label = "measured",
                         .x = levels.speed_rad_s,
@@ -222,6 +305,113 @@ class Writer {
         fmt::format("Measured levels of observation {}{}, and where 95 % of the curves of a healthy joint "
                     "lie at that temperature.",
                     d_.checked.size(), o.temperature_degC ? fmt::format(" at {:.1f} °C", *o.temperature_degC) : ""));
+  }
+
+  /// What the latest observation has of its cause, and what it lacks.
+  void evidence(pugi::xml_node to) {
+    const Observation& o = d_.checked.back();
+    const Verdict& v = d_.verdicts.back();
+    if (!v.anomalous) return;
+    page_.add(to, "h2", "The cause");
+    const Features expected = v.cause ? v.cause->footprint(h_, v.severity).features : Features::Zero().eval();
+    const Features found = h_.deviation(o), sigma = healthy_covariance(h_, o).diagonal().cwiseSqrt();
+    std::vector<std::string> pro, contra;
+    std::vector<std::vector<std::string>> rows;
+    for (Eigen::Index i = 0; i < feature_count; ++i) {
+      const std::string name(in_words[static_cast<std::size_t>(i)]);
+      const double reach = two_sided_95 * sigma[i];
+      const bool changed = std::abs(found[i]) > reach, agrees = std::abs(found[i] - expected[i]) <= reach;
+      if (v.cause && (changed || !agrees)) (agrees ? pro : contra).push_back(name);
+      rows.push_back({name, change_of(i, found[i]), "± " + change_of(i, reach).substr(1),
+                      v.cause ? change_of(i, expected[i]) : "–",
+                      !v.cause  ? (changed ? "changed" : "as learned")
+                      : !agrees ? "against"
+                      : changed ? "for"
+                                : "as learned, as it would be"});
+    }
+    if (v.cause)
+      page_.add(to, "p",
+                fmt::format("It looks like {}, {} (confidence {}). For it: {}. Against it: {}.", v.cause->meaning,
+                            severity_text(*v.cause, v.severity), percent(v.confidence), listed(pro), listed(contra)));
+    else
+      page_.add(to, "p", "No known cause moves friction like this.");
+    page_.add(to, "p", "Next test: " + next_test(v, sigma));
+    page_.add_table(to, {"of the latest curve", "change", "95 % of healthy joints", "as this cause", "speaks"}, rows);
+    other_causes(to, v);
+  }
+
+  /// Relative to a healthy joint at this temperature; of the exponent the difference.
+  static std::string change_of(Eigen::Index feature, double logarithm) {
+    return feature + 1 < feature_count ? fmt::format("{:+.1f} %", 100 * std::expm1(logarithm))
+                                       : fmt::format("{:+.3f}", logarithm);
+  }
+
+  static std::string listed(const std::vector<std::string>& all) { return all.empty() ? "nothing" : twin::joined(all); }
+
+  /// What tells the two likeliest causes from each other.
+  std::string next_test(const Verdict& v, const Features& sigma) const {
+    const std::string again = "the friction curve again, at the same temperature and without payload";
+    if (v.candidates.size() < 2 || !v.cause || !(v.candidates[1].probability > 0.01) || !v.candidates[1].pattern)
+      return again + "; then after what is to be done.";
+    const Candidate& second = v.candidates[1];
+    const Features differ =
+        (second.pattern->footprint(h_, second.severity).features - v.cause->footprint(h_, v.severity).features)
+            .cwiseAbs()
+            .cwiseQuotient(sigma);
+    Eigen::Index which = 0;
+    if (differ.maxCoeff(&which) < 1)
+      return fmt::format("{}. Friction curves alone do not tell it from {}.", again, second.pattern->meaning);
+    const double slow = 3 * h_.mean(2);
+    return fmt::format("{}, with more levels {} {:.3g} rad/s (motor side): {} tells it from {} ({}).", again,
+                       which < 3 ? "below" : "above", slow, in_words[static_cast<std::size_t>(which)],
+                       second.pattern->meaning, percent(second.probability));
+  }
+
+  void other_causes(pugi::xml_node to, const Verdict& v) {
+    std::vector<std::vector<std::string>> rows;
+    for (const auto& c : v.candidates)
+      if (c.pattern && c.pattern != v.cause && c.probability >= 0.01)
+        rows.push_back(
+            {std::string(c.pattern->meaning), percent(c.probability), severity_text(*c.pattern, c.severity)});
+    if (!rows.empty()) page_.add_table(to, {"other causes", "probability", "how much"}, rows);
+  }
+
+  /// The equivalent load over the dates of the curves, and when it reaches the wear threshold.
+  Outcome over_dates() {
+    const auto& m = d_.trend;
+    if (!m) return {};
+    page_.add(page_.body(), "h2", "Trend");
+    const double first = d_.days.front(), last = d_.days.back() - first;
+    const double end = last + std::min(last, m->observations.value_or(last));
+    const double threshold = d_.verdicts.back().load.threshold;
+    Figure f{.title = "Equivalent load over dates",
+             .x = {.quantity = "days since " + date_text(first), .unit = "d"},
+             .y = {.quantity = "equivalent load", .unit = "-"}};
+    Series band{.mark = Mark::area, .label = "line, 95 %", .stroke = 0},
+        line{.label = "straight line", .x = {0, end}, .y = {m->at(0).value, m->at(end).value}, .stroke = 0},
+        points{.mark = Mark::error_bars, .label = "measured, 95 %", .stroke = 1};
+    for (int i = 0; i <= 50; ++i) band.x.push_back(end * i / 50), band.y.push_back(m->at(end * i / 50).high);
+    for (int i = 50; i >= 0; --i) band.x.push_back(end * i / 50), band.y.push_back(m->at(end * i / 50).low);
+    for (std::size_t i = 0; i < d_.days.size(); ++i) {
+      points.x.push_back(d_.days[i] - first);
+      points.y.push_back(d_.verdicts[i].load.load_norm);
+      points.error.push_back(two_sided_95 * d_.verdicts[i].load.sigma);
+    }
+    f.series = {
+        std::move(band),
+        std::move(line),
+        std::move(points),
+        {.mark = Mark::reference, .label = "wear threshold", .x = {0, end}, .y = {threshold, threshold}, .stroke = 5}};
+    const auto date = [&](double days) { return date_text(d_.days.back() + days); };
+    page_.add(page_.body(), "p",
+              m->observations ? fmt::format("At this rate the wear threshold is reached about {} (95 %: {} … {}).",
+                                            date(*m->observations), date(m->earliest.value_or(0)),
+                                            m->latest ? date(*m->latest) : std::string("never: the rise may be none"))
+                              : std::string("The equivalent load does not rise."));
+    auto grid = page_.add(page_.body(), "div", {}, "figures");
+    return page_.show(grid, f, "trend",
+                      "The extra load that would change friction of the contact surfaces as much, over the maximum "
+                      "torque, with the straight line through all curves.");
   }
 
   /// In the words of Zhou 2024.
@@ -241,8 +431,8 @@ class Writer {
       rows.push_back(std::move(row));
     }
     page_.add_table(to,
-                    {"", "°C", "distance 1", "T² 1", "anomalous 1", "distance 2", "T² 2", "anomalous 2", "equiv. load",
-                     "pattern", "confidence"},
+                    {"number", "°C", "distance 1", "T² 1", "anomalous 1", "distance 2", "T² 2", "anomalous 2",
+                     "equiv. load", "pattern", "confidence"},
                     rows);
     page_.add(
         to, "p",
@@ -274,7 +464,7 @@ class Writer {
 
   Outcome over_time() {
     if (d_.checked.size() < 3) return {};
-    page_.add(page_.body(), "h2", "Over time");
+    page_.add(page_.body(), "h2", "Small changes that last");
     const Watch& w = d_.watch;
     Figure f{.title = "CUSUM", .x = {.quantity = "observation"}, .y = {.quantity = "CUSUM", .from = 0}};
     for (std::size_t r = 0; r < regions.size(); ++r) {
@@ -340,6 +530,12 @@ Result<DiagnosisData> load_diagnosis(const std::filesystem::path& healthy,
     std::ranges::move(*verdicts, std::back_inserter(d.verdicts));
   }
   load_latest(d, data.back(), read);
+  d.days = days_of(d);
+  if (!d.days.empty() && d.days.back() > d.days.front()) {
+    std::vector<double> since;
+    for (const double day : d.days) since.push_back(day - d.days.front());
+    d.trend = margin(d.healthy, d.checked, since);
+  }
   d.watch = watch(d.healthy, d.checked, options.watch_false_alarm);
   load_learned(d, read);
   return d;

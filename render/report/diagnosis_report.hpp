@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,6 +28,8 @@ struct DiagnosisData {
     std::vector<double> speed_rad_s, friction_nm, error_nm;  ///< motor side; arm side; one sigma
   } latest;
   std::vector<twin::diagnosis::Verdict> verdicts;  ///< as many as checked
+  std::vector<double> days;  ///< since 1970, of the dates in the files' names; empty where one lacks or goes back
+  std::optional<twin::diagnosis::Margin> trend;  ///< over `days`
   twin::diagnosis::Watch watch;
   DiagnosisOptions options;
   std::vector<std::string> missing;  ///< what is not there: sentences for the reader
