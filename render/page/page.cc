@@ -167,7 +167,7 @@ void prefix_ids(pugi::xml_node node, const std::string& prefix) {
 }
 
 /// A table of more columns becomes a list of rows where the window is narrow.
-constexpr std::size_t columns_of_a_phone = 3, columns_of_a_tablet = 5;
+constexpr std::size_t columns_of_a_phone = 2, columns_of_a_tablet = 4;
 
 bool numeric(std::string_view cell) {
   return !cell.empty() &&
