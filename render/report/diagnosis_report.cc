@@ -198,7 +198,8 @@ class Writer {
                        "of the maximum torque, one sigma"});
     if (const auto& m = d_.watch.margin)
       o.tiles.push_back(
-          {"left to the wear threshold", fmt::format("{:.3f}", m->load_norm.value),
+          {m->load_norm.value > 0 ? "left to the wear threshold" : "wear threshold exceeded: left",
+           fmt::format("{:.3f}", m->load_norm.value),
            fmt::format("95 %: {:.3f} … {:.3f} of the maximum torque", m->load_norm.low, m->load_norm.high)});
     else
       o.tiles.push_back({"wear threshold", fmt::format("{:.3f}", last.load.threshold), "in equivalent load"});
@@ -376,6 +377,23 @@ class Writer {
     if (!rows.empty()) page_.add_table(to, {"other causes", "probability", "how much"}, rows);
   }
 
+  /// When the wear threshold is reached, or was.
+  std::string trend_text(const Margin& m) const {
+    const double threshold = d_.verdicts.back().load.threshold;
+    const auto date = [&](double days) { return date_text(d_.days.back() + days); };
+    if (m.load_norm.value <= 0) {
+      const double since = (threshold - m.line[0]) / m.line[1];
+      return m.line[1] > 0 && since > 0
+                 ? fmt::format("The wear threshold is exceeded, by the straight line since about {}.",
+                               date_text(d_.days.front() + since))
+                 : std::string("The wear threshold is exceeded since the first curve.");
+    }
+    if (!m.observations) return "The equivalent load does not rise.";
+    return fmt::format("At this rate the wear threshold is reached about {} (95 %: {} … {}).", date(*m.observations),
+                       date(m.earliest.value_or(0)),
+                       m.latest ? date(*m.latest) : std::string("never: the rise may be none"));
+  }
+
   /// The equivalent load over the dates of the curves, and when it reaches the wear threshold.
   Outcome over_dates() {
     const auto& m = d_.trend;
@@ -402,12 +420,7 @@ class Writer {
         std::move(line),
         std::move(points),
         {.mark = Mark::reference, .label = "wear threshold", .x = {0, end}, .y = {threshold, threshold}, .stroke = 5}};
-    const auto date = [&](double days) { return date_text(d_.days.back() + days); };
-    page_.add(page_.body(), "p",
-              m->observations ? fmt::format("At this rate the wear threshold is reached about {} (95 %: {} … {}).",
-                                            date(*m->observations), date(m->earliest.value_or(0)),
-                                            m->latest ? date(*m->latest) : std::string("never: the rise may be none"))
-                              : std::string("The equivalent load does not rise."));
+    page_.add(page_.body(), "p", trend_text(*m));
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     return page_.show(grid, f, "trend",
                       "The extra load that would change friction of the contact surfaces as much, over the maximum "
@@ -458,8 +471,7 @@ class Writer {
     for (std::size_t i = 0; i < d_.checked.size(); ++i)
       shown.checked.push_back(
           {d_.checked[i].features, {d_.verdicts[i].region[0].anomalous, d_.verdicts[i].region[1].anomalous}});
-    page_.add(page_.body(), "h2", "Confidence regions");
-    return show_regions(page_, page_.body(), shown);
+    return show_regions(page_, page_.add_details(page_.body(), "Confidence regions, as in Zhou 2024"), shown);
   }
 
   Outcome over_time() {

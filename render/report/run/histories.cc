@@ -61,9 +61,15 @@ std::optional<Crossing> crossing(const RunData& run) {
   const auto& law = run.model()->drives()[*index].drive.law;
   const double edge = law.range.temperature_min_degC;
   if (!law.info->temperature_dependent || law.validity != friction::Validity::clamp) return std::nullopt;
-  const Trace t = lubricant_temperature("", run, *joint);
-  for (std::size_t i = 1; i < t.values.size(); ++i)
-    if (t.values[i - 1] < edge && t.values[i] >= edge) return Crossing{joint, edge, t.time_s[i]};
+  // All values, not the curve of the figure, which has few of them.
+  const auto& record = run.record;
+  const std::span<const double> time = has_cycles(run) ? std::span(record.cycle_time_s) : std::span(record.time_s),
+                                degC = has_cycles(run) ? record.channel(joint->name, "cycle_temperature_degC")
+                                                       : joint->temperature_degC;
+  for (std::size_t i = 1; i < std::min(time.size(), degC.size()); ++i)
+    if (degC[i - 1] < edge && degC[i] >= edge)
+      return Crossing{joint, edge,
+                      time[i - 1] + (time[i] - time[i - 1]) * (edge - degC[i - 1]) / (degC[i] - degC[i - 1])};
   return std::nullopt;
 }
 

@@ -113,8 +113,9 @@ class Browser:
         self.tab.window(width, 1000, scheme)
         return self.tab.value(MEASURE)
 
-    def printed(self, file):
-        """Prints the page as it is opened; how many pages A4 it has."""
+    def printed(self, page, file):
+        """Prints the page as it is when it is opened; how many pages A4 it has."""
+        self.open(page)
         paper = {"paperWidth": 8.27, "paperHeight": 11.69, "preferCSSPageSize": True, "printBackground": True}
         pdf = base64.b64decode(self.tab.command("Page.printToPDF", **paper)["data"])
         with open(file, "wb") as f:

@@ -8,6 +8,7 @@ import numpy as np
 from browser import Browser, opening
 import harness
 from harness import check, content, finish, path, work
+from numbers_of_page import Numbers, change, duration, energy
 
 twin, report, source = sys.argv[1:4]
 browser = Browser(work, check)
@@ -118,6 +119,109 @@ check(
     "joint2" in by_joint and all(len(c) == 1 for c in by_joint.values()),
     by_joint,
 )
+
+browser.check_page("warm-up", path("one.html"), 3, 8)
+pages = browser.printed(path("one.html"), path("one.pdf"))
+check("the warm-up is printed on at most six pages", 1 <= pages <= 6, pages)
+check("the warm-up's page is below 3 MB", os.path.getsize(path("one.html")) < 3e6, os.path.getsize(path("one.html")))
+
+
+# ---- Every number outside the figures is that of telemetry.h5 or summary.json.
+def take_run(n, folder):
+    """What the section of a run says."""
+    s = summaries[folder]
+    with h5py.File(path(folder + "/telemetry.h5")) as f:
+        time, samples = f["time_s"][:], len(f["time_s"])
+        cycle_s, warm = f["cycle_time_s"][:], f["joint2/cycle_temperature_degC"][:]
+        power = f["joint2/cycle_friction_power_W"][:]
+        visited = {}
+        for j in ("joint2", "joint3"):
+            speed = np.abs(f[j + "/velocity_rad_s"][:])
+            slid = speed > 0.02 * speed.max()
+            visited[j] = (np.abs(f[j + "/load_nm"][:]) / f[j].attrs["torque_max_nm"])[slid], f[j + "/temperature_degC"][
+                :
+            ][slid]
+    joint, ends = s["joints"][1], (power[0], power[-1])
+    t = joint["temperature_degC"]
+    share = 100 * (ends[1] / ends[0] - 1)
+    n.take(
+        folder + ": verdict",
+        f"joint2 warms from {t['start']:.1f} to {t['end']:.1f} °C, and its friction power falls from {ends[0]:.3g} to "
+        f"{ends[1]:.3g} W ({share:+.0f} %).",
+        f"none of {len({h['check'] for h in s['health']})} checks warns",
+    )
+    n.take(
+        folder + ": tiles",
+        f"{ends[0]:.3g} → {ends[1]:.3g} W\n{change(*ends, 'W')}",
+        f"{t['start']:.1f} → {t['end']:.1f} °C\n{t['end'] - t['start']:+.1f} K, at most {t['max']:.1f} °C",
+        f"{energy(s['friction_work_J'])}\n{100 * s['friction_work_J'] / s['motor_work_J']:.3g} % of "
+        f"{energy(s['motor_work_J'])} motor work",
+        f"{100 * joint['load_norm']['max']:.0f} %\nof the maximum torque, joint2",
+        f"{s['simulated_s'] / 3600:.3g} h\n{s['realtime_factor']:.0f} x real time",
+    )
+    for j in s["joints"]:
+        cells = [f"{j['temperature_degC'][k]:.1f}" for k in ("start", "end", "max")]
+        cells += [f"{j['friction_nm'][k]:.4g}" if j["friction_nm"][k] > 1e-5 else "0" for k in ("rms", "max")]
+        cells += [f"{j['load_norm']['max']:.3f}", f"{100 * j['clamped_samples'] / s['steps_computed']:.3g}"]
+        cells += [f"{100 * j['stuck_s'] / (s['steps_computed'] * 1e-3):.3g}"]
+        n.take(f"{folder}: row of {j['name']}", "\n".join([j["name"], *cells]) + "\n")
+    for h in s["health"]:
+        row = rf"\n{h['check']}\n(?:{h['joint'] or '–'})\n(\S+)(?: [^\n]*)?\n(\S+)(?: [^\n]*)?\n{h['verdict']}\n"
+        if re.search(row, n.text):  # each check shows its worst joint
+            equal = lambda shown, true: abs(float(shown) - true) <= 0.006 * abs(true)
+            n.match(f"{folder}: {h['check']}", row, lambda v, l: equal(v, h["value"]) and equal(l, h["threshold"]))
+    n.take(
+        folder + ": the legend of health", "follow (1) or not (0)", "a gear class (1)", "its own (0)", "telemetry.h5"
+    )
+    n.take(folder + ": remarks", *s["warnings"])
+    crossing = np.interp(38, warm, cycle_s)
+    n.match(
+        folder + ": where the law is clamped",
+        r"below (\d+) °C the law of joint2 was not measured; until (\d+) min (\d+) s its friction is that at 38 °C",
+        lambda c, m, sec: c == "38" and abs(int(m) * 60 + int(sec) - crossing) < 5,
+    )
+    n.take(
+        folder + ": moments",
+        f"6 poses over the run, evenly in time from 0.00 s to {duration(time[-1])}",
+        f"The end, at {duration(time[-1])}",
+        "The beginning, at 0.00 s",
+    )
+    for load, degrees in visited.values():
+        n.take(
+            folder + ": where curves are drawn",
+            f"Law 'extended' at a load of {np.median(load):.3f} of the maximum torque. Points: samples of the run with a "
+            f"load within {max(0.1 * load.max(), 0.005):.3f} of that.",
+            f"Law 'extended' at {np.median(degrees):.1f} °C. Points: samples of the run within "
+            f"{max(0.05 * np.ptp(degrees), 0.25):.2g} K of that.",
+        )
+    n.take(folder + ": the surface", f"Law 'extended' at a load of {np.median(visited['joint2'][0]):.3f}.")
+    n.take(
+        folder + ": how it was made",
+        f"MuJoCo {s['engine']['version']}\n",
+        f"seed\n{s['seed']}\n",
+        "time step\n0.001 s\n",
+        f"{s['steps_computed']} computed of {s['steps']}",
+        f"samples\n{samples}\n",
+        re.sub(r"(?m)^model: .*/mjcf/", "model: mjcf/", content(folder + "/scenario.yaml")),
+    )
+
+
+n = Numbers(page, check)
+n.take(
+    "identity",
+    "Cell 4, left",
+    "serial number 6620-104417",
+    summaries["healthy"]["finished_at"][:16].replace("T", " ") + " UTC",
+    f"simulated by MuJoCo {summaries['healthy']['engine']['version']}",
+)
+n.match("version", r"tribotwin (\d+\.\d+\.\d+) ", lambda v: True)
+take_run(n, "healthy")
+n.take(
+    "what the scenario is",
+    "irb6620_warmup",
+    "IRB 6620 joint 2 working from a cold 25 degC room for two decay constants (6.08 h)",
+)
+n.finish("warm-up")
 
 # ---- Pictures show the moment that they say, of a run of which most cycles were not computed.
 captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)

@@ -36,7 +36,9 @@ class Browser:
     def tab(self):
         with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/json/list") as answer:
             page = next(t for t in json.load(answer) if t["type"] == "page")
-        return Tab(frames.connect("127.0.0.1", self.port, "/devtools/page/" + page["id"]))
+        socket = frames.connect("127.0.0.1", self.port, "/devtools/page/" + page["id"])
+        socket.connection.settimeout(None)  # a test may leave the tab alone for minutes
+        return Tab(socket)
 
     def close(self):
         self.process.terminate()
