@@ -93,8 +93,8 @@ NARROW
   body { background: #12161c; color: #e6eaf0; color-scheme: dark; }
   .tile, figure, .notice, .scroll, pre { background: #1b212a; border-color: #3a4452; }
   .soft, .tile .name, .tile .more, figcaption, thead th, thead th.number, summary { color: #b3bdca; }
-  th, td, table tr { border-color: #3a4452; }
-  table td::before { color: #b3bdca; }
+  th, td, table.many tr { border-color: #3a4452; }
+  table.many td::before { color: #b3bdca; }
   .good { color: #6fd39a; }
   .warn { color: #f0c060; }
   .bad { color: #ff9a90; }

@@ -512,10 +512,9 @@ class Writer {
   }
 
   void origin() {
-    auto to = page_.body();
     page_.add_origin(options_.command);
-    page_.add(to, "p", fmt::format("{}, as it was read:", d_.file.filename().string()));
-    page_.add(to, "pre", d_.text);
+    page_.add(page_.add_details(page_.body(), fmt::format("{}, as it was read", d_.file.filename().string())), "pre",
+              d_.text);
   }
 
   const DiagnosisData& d_;

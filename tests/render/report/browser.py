@@ -14,15 +14,19 @@ MEASURE = """(() => {
   const colour = text => { const n = (text.match(/[\\d.]+/g) || []).map(Number);
     return n.length == 4 && n[3] == 0 ? null : n.length >= 3 ? n : null; };
   let worst = 99, where = '', texts = 0;
-  for (const e of document.querySelectorAll('body *')) {
-    if (![...e.childNodes].some(n => n.nodeType == 3 && n.data.trim())) continue;
-    const style = getComputedStyle(e), front = colour(e.closest('svg') ? style.fill : style.color);
+  const judge = (e, style, text) => {
+    const front = colour(e.closest('svg') ? style.fill : style.color);
     let back = null;
     for (let b = e; b && !back; b = b.parentElement) back = colour(getComputedStyle(b).backgroundColor);
-    if (!front || !back) continue;
+    if (!front || !back) return;
     const a = light(front), c = light(back), ratio = (Math.max(a, c) + .05) / (Math.min(a, c) + .05);
     ++texts;
-    if (ratio < worst) { worst = ratio; where = e.tagName + ': ' + e.textContent.slice(0, 40); }
+    if (ratio < worst) { worst = ratio; where = e.tagName + ': ' + text.slice(0, 40); }
+  };
+  for (const e of document.querySelectorAll('body *')) {
+    if ([...e.childNodes].some(n => n.nodeType == 3 && n.data.trim())) judge(e, getComputedStyle(e), e.textContent);
+    const before = getComputedStyle(e, '::before');
+    if (e.dataset && e.dataset.label && before.content != 'none') judge(e, before, e.dataset.label);
   }
   const named = e => e.tagName + '.' + e.className + ': ' + e.textContent.slice(0, 40);
   const outside = [...document.querySelectorAll('main *')].filter(e => !e.closest('svg'));
@@ -125,8 +129,13 @@ class Browser:
     def check_page(self, name, page, images, drawings, widths=WIDTHS):
         """What holds of every page; returns what was measured in the widest window, in which `text` is what is read."""
         self.open(page)
-        dark = self.measured(widths[0], "dark")
-        self.check(f"{name}, dark: contrast at least 4.5:1", dark["contrast"] >= 4.5, (dark["contrast"], dark["where"]))
+        for width in {max(widths), min(widths)}:
+            dark = self.measured(width, "dark")
+            self.check(
+                f"{name} at {width}, dark: contrast at least 4.5:1",
+                dark["contrast"] >= 4.5,
+                (dark["contrast"], dark["where"]),
+            )
         all_widths = [self.measured(width) for width in reversed(widths)]
         for m in all_widths:
             self.check_width(f"{name} at {m['width']}", m, images, drawings)

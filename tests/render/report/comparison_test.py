@@ -189,8 +189,8 @@ def take_run(n, folder):
     for load, degrees in visited.values():
         n.take(
             folder + ": where curves are drawn",
-            f"Law 'extended' at a load of {np.median(load):.3f} of the maximum torque. Points: samples of the run with a "
-            f"load within {max(0.1 * load.max(), 0.005):.3f} of that.",
+            f"Law 'extended' at a load of {np.median(load):.3f} of the maximum torque. Points: samples of the run with "
+            f"a load within {max(0.1 * load.max(), 0.005):.3f} of that.",
             f"Law 'extended' at {np.median(degrees):.1f} °C. Points: samples of the run within "
             f"{max(0.05 * np.ptp(degrees), 0.25):.2g} K of that.",
         )
@@ -202,11 +202,11 @@ def take_run(n, folder):
         "time step\n0.001 s\n",
         f"{s['steps_computed']} computed of {s['steps']}",
         f"samples\n{samples}\n",
-        re.sub(r"(?m)^model: .*/mjcf/", "model: mjcf/", content(folder + "/scenario.yaml")),
     )
 
 
 n = Numbers(page, check)
+n.take("the scenario", re.sub(r"(?m)^model: .*/mjcf/", "model: mjcf/", content("healthy/scenario.yaml")))
 n.take(
     "identity",
     "Cell 4, left",
