@@ -10,6 +10,7 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/report/fit_data.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::render::program {
@@ -18,6 +19,8 @@ namespace {
 using twin::InputError, twin::identification::ReadOptions;
 
 constexpr std::size_t points_max = 5000;
+/// A point this close to the condition of the curves is drawn with them.
+constexpr double temperature_window_K = 3, load_window = 0.05;
 
 struct Arguments {
   std::string model, joint, over = "temperature", size = "640x430";
@@ -74,7 +77,13 @@ struct Conditions {
 
 double limit(double given, double otherwise) { return std::abs(given) < friction::unlimited ? given : otherwise; }
 
-/// What was asked for; otherwise up to the fastest point, or over the law's own range where that has an end.
+/// Curves through points are drawn where most of these were measured.
+double of_points(const std::vector<double>& column, double without_points) {
+  return column.empty() ? without_points : twin::identification::median_of(column);
+}
+
+/// What was asked for; otherwise, through points, the load or the temperature of most of them; up to the fastest point,
+/// or over the law's own range where that has an end.
 Conditions conditions_of(const Arguments& a, const drive::Drive& drive, const twin::identification::Samples& measured) {
   const friction::Range& range = drive.law.range;
   const double points = measured.size() ? std::ranges::max(measured.speed) / drive.speed_scale() : 0,
@@ -87,12 +96,37 @@ Conditions conditions_of(const Arguments& a, const drive::Drive& drive, const tw
   const double t_low = limit(range.temperature_min_degC, 20), t_high = limit(range.temperature_max_degC, 80),
                load_high = limit(range.load_max, 0.8);
   const bool over_load = a.over == "load";
-  if (c.temperatures.empty()) c.temperatures = over_load ? std::vector{(t_low + t_high) / 2} : evenly(t_low, t_high, 8);
-  if (c.loads.empty()) c.loads = over_load ? evenly(0, load_high, 6) : std::vector{0.0};
+  if (c.temperatures.empty())
+    c.temperatures =
+        over_load ? std::vector{of_points(measured.temperature_degC, (t_low + t_high) / 2)} : evenly(t_low, t_high, 8);
+  if (c.loads.empty()) c.loads = over_load ? evenly(0, load_high, 6) : std::vector{of_points(measured.load, 0)};
   if (over_load && c.temperatures.size() != 1)
     throw InputError("--temperature: curves over load are drawn at one temperature");
   if (!over_load && c.loads.size() != 1) throw InputError("--load: curves over temperature are drawn at one load");
   return c;
+}
+
+/// The samples that were measured where the curves are drawn: points of another load or temperature would seem to
+/// contradict them.
+std::vector<std::size_t> measured_there(const Arguments& a, const Subject& subject, const Conditions& c,
+                                        const twin::identification::Samples& measured) {
+  const auto& law = *subject.drive.law.info;
+  const bool over_load = a.over == "load";
+  const auto near = [](const std::vector<double>& column, std::size_t i, double at, double window) {
+    return column.empty() || std::abs(column[i] - at) <= window;
+  };
+  std::vector<std::size_t> rows;
+  for (std::size_t i = 0; i < measured.size(); ++i)
+    if (over_load
+            ? !law.temperature_dependent || near(measured.temperature_degC, i, c.temperatures[0], temperature_window_K)
+            : !law.load_dependent || near(measured.load, i, c.loads[0], load_window))
+      rows.push_back(i);
+  const std::string where = over_load ? fmt::format("{:.4g} degC +- {:g}", c.temperatures[0], temperature_window_K)
+                                      : fmt::format("a load of {:.3g} +- {:g}", c.loads[0], load_window);
+  if (rows.size() < measured.size())
+    twin::note("{} of the {} points are not drawn: they were not measured at {}, where the curves are",
+               measured.size() - rows.size(), measured.size(), where);
+  return rows;
 }
 
 Figure figure_of(const std::string& over, const Subject& subject, const Conditions& c,
@@ -125,10 +159,12 @@ int execute(const Arguments& a) {
   read.table.joint = a.joint;
   const auto measured = twin::or_wrong_input(twin::identification::read_samples(
       std::vector<std::filesystem::path>(a.points.begin(), a.points.end()), *subject.drive.law.info, read));
-  if (measured.size() > points_max)
-    twin::note("{} of the {} points are drawn, chosen evenly", points_max, measured.size());
-  const auto points = friction_points(subject.drive, measured, thinned(measured.size(), points_max));
   const Conditions conditions = conditions_of(a, subject.drive, measured);
+  const auto there = measured_there(a, subject, conditions, measured);
+  if (there.size() > points_max) twin::note("{} of the {} points are drawn, chosen evenly", points_max, there.size());
+  std::vector<std::size_t> rows;
+  for (const std::size_t i : thinned(there.size(), points_max)) rows.push_back(there[i]);
+  const auto points = friction_points(subject.drive, measured, rows);
   write(a.output,
         twin::or_throw(draw(in_units_of(figure_of(a.over, subject, conditions, points), subject.slide), format, size)));
   return twin::done;

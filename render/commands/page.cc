@@ -1,6 +1,13 @@
+#include <chrono>
+#include <ctime>
+#include <optional>
+
+#include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <mujoco/mujoco.h>
 
 #include <tribotwin/render/commands/page.hpp>
+#include <tribotwin/twin/io/command_line/version.hpp>
 
 namespace tribotwin::render::program {
 
@@ -11,8 +18,26 @@ void PageOptions::add_to(CLI::App& command, const char* output_help) {
   output.add_json_to(command);
   command.add_flag("--png", png, "Also every figure as PNG, in a folder beside the page");
   command.add_flag("--pdf", pdf, "Also every figure as PDF, in a folder beside the page");
+  command.add_option("--robot", robot,
+                     "What the page calls the robot (of a run: default is key robot of its scenario)");
+  command.add_option("--serial-number", serial_number, "Its serial number, shown on the page");
   command.add_flag("--quiet", quiet, "No progress");
 }
+
+namespace {
+/// The day of the newest of the files, by their own time; empty where none is there.
+std::string newest_day(const std::vector<fs::path>& files) {
+  std::optional<std::time_t> newest;
+  for (const auto& file : files) {
+    std::error_code error;
+    const auto time = fs::last_write_time(file, error);
+    if (!error)
+      newest = std::max<std::time_t>(newest.value_or(0),
+                                     std::chrono::system_clock::to_time_t(std::chrono::file_clock::to_sys(time)));
+  }
+  return newest ? fmt::format("{:%Y-%m-%d}", fmt::gmtime(*newest)) : "";
+}
+}  // namespace
 
 void FolderOptions::add_to(CLI::App& command, const char* directory_help) {
   command.add_option("DIR", directory, directory_help)->required();
@@ -20,7 +45,11 @@ void FolderOptions::add_to(CLI::App& command, const char* directory_help) {
 }
 
 PageFile::PageFile(const PageOptions& options, const fs::path& otherwise, const std::vector<fs::path>& inputs)
-    : output_(options.output), quiet_(options.quiet) {
+    : output_(options.output),
+      robot_(options.robot),
+      serial_number_(options.serial_number),
+      date_(newest_day(inputs)),
+      quiet_(options.quiet) {
   if (!output_.named()) output_.file = otherwise.string();
   if (const auto ending = fs::path(output_.file).extension(); !ending.empty() && ending != ".html" && ending != ".htm")
     throw twin::InputError(fmt::format("-o {}: a page is HTML, and its name must end in .html; {}", output_.file,
@@ -43,8 +72,14 @@ int PageFile::make(const std::string& command_line,
                    const std::function<Result<Report>(const ReportOptions&)>& report) const {
   const Report made = [&] {
     twin::Progress progress(quiet_, "report");
-    return twin::or_throw(report(
-        {.figure_files = formats_, .command = command_line, .progress = [&](double share) { progress(share); }}));
+    return twin::or_throw(report({.figure_files = formats_,
+                                  .command = command_line,
+                                  .progress = [&](double share) { progress(share); },
+                                  .software = "tribotwin " + twin::program::version_number(),
+                                  .engine = fmt::format("MuJoCo {}", mj_versionString()),
+                                  .robot = robot_,
+                                  .serial_number = serial_number_,
+                                  .date = date_}));
   }();
   write_all(made);
   return twin::done;

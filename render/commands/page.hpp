@@ -14,6 +14,7 @@ namespace tribotwin::render::program {
 struct PageOptions {
   twin::Destination output;
   bool png = false, pdf = false, quiet = false;
+  std::string robot, serial_number;
 
   void add_to(CLI::App& command, const char* output_help);
 };
@@ -41,6 +42,7 @@ class PageFile {
   void write_all(const Report& made) const;
 
   twin::Destination output_;
+  std::string robot_, serial_number_, date_;
   bool quiet_;
   std::filesystem::path figures_;
   std::vector<Format> formats_;

@@ -1,8 +1,10 @@
 #include <algorithm>
+#include <cmath>
 
 #include <fmt/format.h>
 
 #include <tribotwin/render/commands/picture.hpp>
+#include <tribotwin/render/pose/moment.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
@@ -32,14 +34,12 @@ Subject subject_of(const Arguments& a) {
   }
   auto run = run_with_model(a.target);
   const auto& time = run->record.time_s;
-  std::size_t index = time.size() - 1;
-  if (a.time) {
-    if (!(*a.time >= time.front() && *a.time <= time.back()))
-      throw InputError(fmt::format("--time {}: the record spans {} to {} s", *a.time, time.front(), time.back()));
-    index = static_cast<std::size_t>(std::ranges::lower_bound(time, *a.time) - time.begin());
-  }
+  if (a.time && !(*a.time >= time.front() && *a.time <= time.back()))
+    throw InputError(fmt::format("--time {}: the record spans {} to {} s", *a.time, time.front(), time.back()));
   const auto model = run->scenario->model;
-  PoseState state = recorded(*model, run->record, index);
+  PoseState state = Moments(*model, run->record).at(a.time.value_or(time.back()));
+  if (a.time && std::abs(*state.time_s - *a.time) > 1e-6)
+    twin::note("--time {}: the record has no sample there; drawn is {} s, the nearest one", *a.time, *state.time_s);
   return {std::move(run), model, std::move(state)};
 }
 

@@ -1,4 +1,5 @@
 #include <tribotwin/render/commands/picture.hpp>
+#include <tribotwin/render/pose/moment.hpp>
 
 namespace tribotwin::render::program {
 namespace {
@@ -13,8 +14,8 @@ int execute(const Arguments& a) {
   const auto run = run_with_model(a.target);
   const PoseOptions options = run_options(a, *run);
   twin::Progress progress(a.quiet, "poses");
-  auto sheet = contact_sheet(run->scenario->model, run->record, evenly_in_time(run->record.time_s, a.count), options,
-                             size, [&](double share) { progress(share); });
+  auto sheet = contact_sheet(run->scenario->model, Moments(*run->model(), run->record).evenly(a.count), options, size,
+                             [&](double share) { progress(share); });
   write(a.output, png(twin::or_throw(std::move(sheet))));
   return twin::done;
 }

@@ -192,7 +192,7 @@ Figure history(const std::string& title, const Axis& quantity, std::span<const T
   const TimeUnit unit = unit_of(span);
   Figure f{.title = title, .x = {.quantity = "time", .symbol = "{/:Italic t}", .unit = unit.name}, .y = quantity};
   for (const auto& t : traces) {
-    Series s{.label = t.label, .x = t.time_s, .y = t.values};
+    Series s{.mark = t.mark, .label = t.label, .x = t.time_s, .y = t.values, .stroke = t.stroke};
     for (double& x : s.x) x /= unit.seconds;
     f.series.push_back(std::move(s));
   }

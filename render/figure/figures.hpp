@@ -2,6 +2,7 @@
 
 #include <array>
 #include <limits>
+#include <optional>
 #include <span>
 
 #include <tribotwin/plugins/drive/drive.hpp>
@@ -46,6 +47,8 @@ Figure friction_surface(const drive::Drive& drive, const std::string& title, dou
 struct Trace {
   std::string label;
   std::vector<double> time_s, values;
+  std::optional<std::size_t> stroke{};  ///< of theme::stroke; else counted up
+  Mark mark = Mark::line;
 };
 /// Values against time, in seconds, minutes or hours by their span.
 Figure history(const std::string& title, const Axis& quantity, std::span<const Trace> traces);

@@ -41,10 +41,10 @@ Box around(const mjModel* m, int geom) {
   }
 }
 
-/// Whether a geom is drawn, and belongs to a tree of bodies that moves somewhere.
-bool counts(const mjModel* m, int geom) {
+/// Whether a geom of the first `groups` is drawn, and belongs to a tree of bodies that moves somewhere.
+bool counts(const mjModel* m, int geom, int groups) {
   const int type = m->geom_type[geom], body = m->geom_bodyid[geom], root = m->body_rootid[body];
-  if (type == mjGEOM_PLANE || type == mjGEOM_HFIELD || body == 0 || m->geom_group[geom] > 2) return false;
+  if (type == mjGEOM_PLANE || type == mjGEOM_HFIELD || body == 0 || m->geom_group[geom] >= groups) return false;
   if (m->geom_matid[geom] < 0 && m->geom_rgba[4 * geom + 3] == 0) return false;
   for (int b = root; b < m->nbody; ++b)
     if (m->body_rootid[b] == root && m->body_jntnum[b] > 0) return true;
@@ -63,10 +63,18 @@ std::array<Point, 3> axes_of(const mjvCamera& camera) {
 
 }  // namespace
 
+int groups_shown(const mjModel* m) {
+  constexpr int visual = 3;  // MuJoCo draws groups 0 to 2 by default; by custom the others hold collision geometry
+  for (int g = 0; g < m->ngeom; ++g)
+    if (counts(m, g, visual)) return visual;
+  return mjNGROUP;
+}
+
 std::vector<Point> outline(const mjModel* m, const mjData* d) {
   std::vector<Point> points;
+  const int groups = groups_shown(m);
   for (int g = 0; g < m->ngeom; ++g) {
-    if (!counts(m, g)) continue;
+    if (!counts(m, g, groups)) continue;
     const auto [low, high] = around(m, g);
     const mjtNum *place = d->geom_xpos + 3 * g, *turn = d->geom_xmat + 9 * g;
     for (int corner = 0; corner < 8; ++corner) {

@@ -11,6 +11,9 @@ namespace tribotwin::render {
 
 using Point = std::array<double, 3>;  ///< world axes [m]
 
+/// How many groups of geoms are drawn: the usual three, or all where nothing that moves would be visible.
+int groups_shown(const mjModel* model);
+
 /// Corners of the boxes around the geoms that are drawn by default, of bodies that move and of what carries them, at
 /// d's pose: no ground, no scenery. Empty where a model has none.
 std::vector<Point> outline(const mjModel* m, const mjData* d);

@@ -62,6 +62,34 @@ mjvGLCamera tile_of(mjvGLCamera camera, Size whole, mjrRect tile) {
   return camera;
 }
 
+/// A light at the eye for models that have none: MuJoCo's own is too dim to be the only one, and may be off.
+void light_up(mjModel& m) {
+  auto& light = m.vis.headlight;
+  light.active = 1;
+  std::ranges::fill(light.ambient, 0.35F);
+  std::ranges::fill(light.diffuse, 0.6F);
+  std::ranges::fill(light.specular, 0.2F);
+}
+
+bool has_sky(const mjModel* m) {
+  return std::any_of(m->tex_type, m->tex_type + m->ntex, [](int type) { return type == mjTEXTURE_SKYBOX; });
+}
+
+/// A light background where nothing was drawn, darker upwards; rows start at the bottom.
+void paint_sky(std::vector<std::uint8_t>& rgb, const std::vector<float>& depth, mjrRect tile, int height) {
+  constexpr Colour low{0xee, 0xf2, 0xf7}, high{0xb9, 0xc8, 0xda};
+  for (int y = 0; y < tile.height; ++y) {
+    const double share = static_cast<double>(tile.bottom + y) / height;
+    const auto mix = [share](int a, int b) { return static_cast<std::uint8_t>(std::lround(a + share * (b - a))); };
+    const Colour c{mix(low.r, high.r), mix(low.g, high.g), mix(low.b, high.b)};
+    for (int x = 0; x < tile.width; ++x) {
+      const std::size_t at = static_cast<std::size_t>(y) * static_cast<std::size_t>(tile.width) + x;
+      if (depth[at] < 1) continue;
+      rgb[3 * at] = c.r, rgb[3 * at + 1] = c.g, rgb[3 * at + 2] = c.b;
+    }
+  }
+}
+
 /// The mean of each square of n x n pixels, from rows that start at the bottom.
 void shrink(const std::vector<std::uint8_t>& rgb, int width, int height, int n, Image& out, int left, int top) {
   const std::size_t row = 3 * static_cast<std::size_t>(width);
@@ -94,6 +122,8 @@ struct Renderer::Impl {
   mjrContext context{};
   mjvOption option{};
   std::vector<std::uint8_t> pixels;
+  std::vector<float> depth;  // where the model has no sky
+  bool sky = true;
 
   explicit Impl(Context c) : gl(std::move(c)) {}
   ~Impl() {
@@ -129,6 +159,7 @@ Result<Renderer> Renderer::create(const mjModel* model, Size size, Quality quali
   m->vis.global.offwidth = width;
   m->vis.global.offheight = height;
   m->vis.quality.offsamples = quality.samples;
+  if (m->nlight == 0) light_up(*m);
   mjv_defaultScene(&impl->scene);
   mjv_makeScene(m, &impl->scene, std::max<int>(1000, 2 * static_cast<int>(m->ngeom) + 500));
   mjr_defaultContext(&impl->context);
@@ -139,6 +170,8 @@ Result<Renderer> Renderer::create(const mjModel* model, Size size, Quality quali
     return work_failed(
         fmt::format("no offscreen framebuffer of {} x {} pixels with {} samples", width, height, quality.samples));
   mjv_defaultOption(&impl->option);
+  for (int group = 0; group < groups_shown(model); ++group) impl->option.geomgroup[group] = 1;
+  impl->sky = has_sky(model);
   return Renderer(std::move(impl));
 }
 
@@ -171,7 +204,9 @@ Result<Image> Renderer::draw(mjData* d, const View& view, std::span<const Paint>
       const mjrRect viewport{0, 0, tile.width, tile.height};
       mjr_render(viewport, &r.scene, &r.context);
       r.pixels.resize(3 * static_cast<std::size_t>(tile.width) * tile.height);
-      mjr_readPixels(r.pixels.data(), nullptr, viewport, &r.context);
+      if (!r.sky) r.depth.resize(static_cast<std::size_t>(tile.width) * tile.height);
+      mjr_readPixels(r.pixels.data(), r.sky ? nullptr : r.depth.data(), viewport, &r.context);
+      if (!r.sky) paint_sky(r.pixels, r.depth, tile, drawn.height);
       shrink(r.pixels, tile.width, tile.height, s, image, left / s, (drawn.height - bottom - tile.height) / s);
     }
   return image;

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/page/illustrated.hpp>
+#include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
@@ -25,6 +26,11 @@ FigureSize size_of(const Figure& figure) {
 }
 
 }  // namespace
+
+std::vector<std::string> identity_of(const ReportOptions& o, const std::string& subject) {
+  return {o.robot.empty() ? subject : o.robot, o.serial_number.empty() ? "" : "serial number " + o.serial_number,
+          o.date.empty() ? "" : "data of " + o.date, o.software, o.engine};
+}
 
 Result<void> IllustratedPage::keep(const std::string& name, std::string bytes, const char* ending) {
   std::string file = fmt::format("{:02}_{}.{}", shown_, name, ending);
@@ -64,6 +70,29 @@ void IllustratedPage::tile(pugi::xml_node tiles, const std::string& name, const 
   add(node, "div", name, "name");
   add(node, "div", value, kind ? (std::string("value ") + kind).c_str() : "value");
   if (!more.empty()) add(node, "div", more, "more");
+}
+
+void IllustratedPage::open(const Opening& o) {
+  struct Lamp {
+    const char *kind, *name;
+  };
+  static constexpr Lamp lamps[] = {{"good", "Green"}, {"warn", "Amber"}, {"bad", "Red"}};
+  const Lamp lamp = lamps[static_cast<int>(o.light)];
+  std::string identity;
+  for (const auto& part : o.identity)
+    if (!part.empty()) identity += (identity.empty() ? "" : " · ") + part;
+  if (!identity.empty()) add(body(), "p", identity, "identity soft");
+  add(body(), "p", o.verdict, (std::string("verdict ") + lamp.kind).c_str()).append_attribute("id") = "verdict";
+  auto rule = add(body(), "p");
+  add(rule, "strong", lamp.name, (std::string("lamp ") + lamp.kind).c_str());
+  rule.append_child(pugi::node_pcdata).set_value((": " + printable(o.rule)).c_str());
+  if (!o.tiles.empty()) {
+    auto grid = add(body(), "div", {}, "tiles");
+    for (const Tile& t : o.tiles) tile(grid, t.name, t.value, t.more, t.kind);
+  }
+  auto action = add(body(), "p");
+  add(action, "strong", "What to do: ");
+  add(action, "span", o.action);
 }
 
 void IllustratedPage::add_origin(const std::string& command) {

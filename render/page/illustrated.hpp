@@ -15,6 +15,10 @@ struct ReportOptions {
   std::vector<Format> figure_files;  ///< also every figure as a file of each of these formats (poses are PNG always)
   std::string command;               ///< the command line that makes this report; shown in it
   std::function<void(double)> progress;
+  std::string software{};                ///< "tribotwin 0.1.0", which makes the page
+  std::string engine{};                  ///< "MuJoCo 2.2.2", which it is linked with
+  std::string robot{}, serial_number{};  ///< of what the page is about, as the user calls it; may be empty
+  std::string date{};                    ///< of the newest file that is read: "2026-11-25"
 };
 
 struct File {
@@ -27,7 +31,29 @@ struct Report {
   std::vector<std::string> notes;  ///< what could not be shown, for stderr; the page says so too
 };
 
+/// What identifies a page of measured data; `subject` where the user names no robot.
+std::vector<std::string> identity_of(const ReportOptions& options, const std::string& subject);
+
 /// A page with figures, each of which may also become a file.
+/// Green: nothing to do. Amber: read what is said before figures are used. Red: act first.
+enum class Light { green, amber, red };
+
+/// A number in a page's head, with its name and a remark. `kind` is "good", "warn" or "bad".
+struct Tile {
+  std::string name, value, more{};
+  const char* kind = nullptr;
+};
+
+/// What a reader who reads nothing else needs.
+struct Opening {
+  std::string verdict;  ///< one sentence
+  Light light;
+  std::string rule;  ///< why the light has this colour
+  std::vector<Tile> tiles;
+  std::string action;                   ///< what to do
+  std::vector<std::string> identity{};  ///< robot, serial number, date, software; empty ones are left out
+};
+
 class IllustratedPage : public Page {
  public:
   /// `figure_files`: also every figure as a file of each of these formats (pictures are PNG always).
@@ -43,6 +69,8 @@ class IllustratedPage : public Page {
   static void tile(pugi::xml_node tiles, const std::string& name, const std::string& value, const std::string& more,
                    const char* kind = nullptr);
 
+  /// How every page begins; before the opening only its title.
+  void open(const Opening& opening);
   /// The last section: how the page was made, which `command` makes it again.
   void add_origin(const std::string& command);
   Report report(std::vector<std::string> notes) { return {html(), std::move(files_), std::move(notes)}; }

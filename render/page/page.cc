@@ -10,6 +10,26 @@
 namespace tribotwin::render {
 namespace {
 
+/// Below this width a table of this class becomes a list of rows, each value with its head beside it.
+std::string list_of_rows(std::string_view table, int width_px) {
+  std::string css = R"(@media screen and (max-width: WIDTHpx) {
+  table.X thead { display: none; }
+  table.X, table.X tbody, table.X tr, table.X th, table.X td { display: block; }
+  table.X tr { border-top: 1px solid LINE; padding: 6px 0; }
+  table.X th, table.X td, table.X td.number { border-top: 0; max-width: none; padding: 2px 10px; text-align: left;
+    white-space: normal; word-break: keep-all; }
+  table.X td { display: flex; justify-content: space-between; gap: 1em; overflow-wrap: anywhere; }
+  table.X td::before { content: attr(data-label); color: SOFT; }
+}
+)";
+  const auto put = [&](std::string_view name, std::string_view value) {
+    for (std::size_t at; (at = css.find(name)) != std::string::npos;) css.replace(at, name.size(), value);
+  };
+  put(".X", fmt::format(".{}", table));
+  put("WIDTH", fmt::format("{}", width_px));
+  return css;
+}
+
 // Without characters that XML escapes: browsers take the content of <style> as it is.
 std::string style() {
   std::string css = R"(
@@ -20,6 +40,12 @@ h1 { font-size: 1.75rem; line-height: 1.2; margin: 0 0 .3rem; overflow-wrap: any
 h2 { font-size: 1.35rem; margin: 2.6rem 0 .2rem; overflow-wrap: anywhere; }
 h3 { font-size: 1.05rem; margin: 1.8rem 0 .6rem; overflow-wrap: anywhere; }
 .verdict { font-size: 1.2rem; max-width: 68ch; }
+#verdict { font-size: 1.3rem; font-weight: 600; line-height: 1.35; margin: .5rem 0; }
+.identity { margin: 0; }
+.lamp::before { content: ""; display: inline-block; width: .8em; height: .8em; border-radius: 50%; margin-right: .45em;
+  background: currentColor; vertical-align: -.05em; print-color-adjust: exact; }
+details { margin: 1rem 0; }
+summary { cursor: pointer; font-weight: 600; color: SOFT; padding: .2rem 0; overflow-wrap: anywhere; }
 p { margin: .3rem 0 .8rem; overflow-wrap: anywhere; max-width: 75ch; }
 .soft { color: SOFT; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 165px), 1fr)); gap: 14px;
@@ -29,6 +55,7 @@ p { margin: .3rem 0 .8rem; overflow-wrap: anywhere; max-width: 75ch; }
 .tile .name, .tile .more { color: SOFT; font-size: .88rem; overflow-wrap: anywhere; }
 .tile .value { font-size: 1.3rem; font-weight: 650; overflow-wrap: anywhere; }
 .good { color: GOOD; }
+.warn { color: WARN; }
 .bad { color: BAD; }
 .notice { border-left: 5px solid BAD; padding: 10px 16px; margin: 1rem 0; }
 .notice p { margin: .2rem 0; }
@@ -38,6 +65,7 @@ figure { margin: 0; padding: 12px; min-width: 0; }
 figure.wide, figure:last-child:nth-child(odd) { grid-column: 1 / -1; }
 figure svg { max-width: 660px; margin: 0 auto; }
 figure.wide svg { max-width: 880px; }
+figure svg { background: PAPER; }
 figure svg, figure img { display: block; width: 100%; height: auto; border-radius: 5px; }
 figure svg text, figure svg tspan { font-family: FONT; }
 figcaption { color: SOFT; font-size: .9rem; margin-top: 8px; overflow-wrap: anywhere; }
@@ -47,24 +75,43 @@ th, td { padding: 7px 14px; text-align: left; border-top: 1px solid LINE; vertic
 thead th, thead th.number { border-top: 0; color: SOFT; font-weight: 600; vertical-align: bottom; white-space: normal; }
 td:last-child:not(.number) { min-width: 20ch; }
 td.number, th.number { text-align: right; white-space: nowrap; }
+table.wide td.number { white-space: normal; }
+table.wide th, table.wide td { padding: 6px 8px; }
+table.wide td:last-child:not(.number) { min-width: 0; }
 th[scope=row] { font-weight: 600; overflow-wrap: break-word; max-width: 32ch; }
 pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace;
   white-space: pre-wrap; overflow-wrap: anywhere; }
 @media (max-width: 1200px) { th, td { padding: 6px 8px; } }
-@media (max-width: 600px) { main { padding: 18px 12px 32px; } th, td { padding: 6px 8px; } }
+@media (max-width: 600px) {
+  main { padding: 18px 12px 32px; }
+  th, td { padding: 6px 8px; }
+  td.number, th.number { white-space: normal; }
+  td:last-child:not(.number) { min-width: 0; }
+}
+NARROW
 @media screen and (prefers-color-scheme: dark) {
   body { background: #12161c; color: #e6eaf0; color-scheme: dark; }
   .tile, figure, .notice, .scroll, pre { background: #1b212a; border-color: #3a4452; }
-  .soft, .tile .name, .tile .more, figcaption, thead th, thead th.number { color: #b3bdca; }
-  th, td { border-color: #3a4452; }
+  .soft, .tile .name, .tile .more, figcaption, thead th, thead th.number, summary { color: #b3bdca; }
+  th, td, table.many tr { border-color: #3a4452; }
+  table.many td::before { color: #b3bdca; }
   .good { color: #6fd39a; }
+  .warn { color: #f0c060; }
   .bad { color: #ff9a90; }
   .notice { border-left-color: #ff9a90; }
 }
 @media print {
-  @page { margin: 14mm; }
+  @page { margin: 11mm; }
   body { background: PAPER; font-size: 10.5pt; }
   main { max-width: none; padding: 0; }
+  details:not([open]) { display: none; }
+  h2 { margin-top: 1.4rem; }
+  h3 { margin-top: 1rem; }
+  .tiles { grid-template-columns: repeat(5, 1fr); gap: 8px; }
+  .tile { padding: 6px 8px; }
+  .figures { gap: 8px; margin: .5rem 0; }
+  figure { padding: 6px; }
+  figure.wide img { max-height: 110mm; object-fit: contain; }
   .figures { grid-template-columns: 1fr 1fr; }
   figure, .tile, tr, pre { break-inside: avoid; }
   h2, h3 { break-after: avoid; }
@@ -77,12 +124,14 @@ pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaV
   const auto put = [&](std::string_view name, const std::string& value) {
     for (std::size_t at; (at = css.find(name)) != std::string::npos;) css.replace(at, name.size(), value);
   };
+  put("NARROW", list_of_rows("many", 640) + list_of_rows("wide", 1000));
   put("PAGE", hex(theme::page));
   put("PAPER", hex(theme::paper));
   put("INK", hex(theme::ink));
   put("SOFT", hex(theme::ink_soft));
   put("LINE", hex(theme::line));
   put("GOOD", hex(theme::good));
+  put("WARN", hex(theme::warn));
   put("BAD", hex(theme::bad));
   put("FONT", std::string(theme::page_font));
   return css;
@@ -116,6 +165,9 @@ void prefix_ids(pugi::xml_node node, const std::string& prefix) {
     child = next;
   }
 }
+
+/// A table of more columns becomes a list of rows where the window is narrow.
+constexpr std::size_t columns_of_a_phone = 2, columns_of_a_tablet = 4;
 
 bool numeric(std::string_view cell) {
   return !cell.empty() &&
@@ -176,11 +228,19 @@ void Page::add_png(pugi::xml_node to, std::string_view png, const std::string& c
   add(figure, "figcaption", caption);
 }
 
+pugi::xml_node Page::add_details(pugi::xml_node to, const std::string& summary) {
+  auto details = add(to, "details");
+  add(details, "summary", summary);
+  return details;
+}
+
 void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
                      const std::vector<std::vector<std::string>>& rows) {
   auto scroll = add(to, "div", {}, "scroll");
   scroll.append_attribute("tabindex") = "0";
   auto table = scroll.append_child("table");
+  const bool many = head.size() > columns_of_a_phone;
+  if (many) table.append_attribute("class") = head.size() > columns_of_a_tablet ? "many wide" : "many";
   const auto kind = [&](std::size_t column) {
     const bool any = column > 0 && std::ranges::any_of(rows, [&](const auto& row) {
                        return column < row.size() && numeric(row[column]);
@@ -195,10 +255,12 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
   for (const auto& row : rows) {
     auto line = body.append_child("tr");
     for (std::size_t i = 0; i < row.size(); ++i)
-      if (i == 0)
+      if (i == 0) {
         add(line, "th", row[i]).append_attribute("scope") = "row";
-      else
-        add(line, "td", row[i].empty() ? "–" : row[i], kind(i));
+      } else {
+        auto cell = add(line, "td", row[i].empty() ? "–" : row[i], kind(i));
+        if (many) cell.append_attribute("data-label") = printable(head[i]).c_str();
+      }
   }
 }
 

@@ -22,6 +22,8 @@ class Page {
                bool wide = false);
   void add_png(pugi::xml_node to, std::string_view png, const std::string& caption, const std::string& alternative,
                bool wide = false);
+  /// A part of the page that is closed until the reader opens it, and is not printed while closed.
+  static pugi::xml_node add_details(pugi::xml_node to, const std::string& summary);
   /// The first column names the rows; columns with numbers are set right.
   static void add_table(pugi::xml_node to, const std::vector<std::string>& head,
                         const std::vector<std::vector<std::string>>& rows);

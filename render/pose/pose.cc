@@ -61,7 +61,10 @@ PoseState rest(const mujoco::Model& model) {
 }
 
 PoseState recorded(const mujoco::Model& model, const twin::Recording& record, std::size_t index) {
-  PoseState state = rest(model);
+  return recorded(model, record, index, rest(model));
+}
+
+PoseState recorded(const mujoco::Model& model, const twin::Recording& record, std::size_t index, PoseState state) {
   state.time_s = record.time_s.at(index);
   for (std::size_t i = 0; i < state.joints.size(); ++i) {
     auto& joint = state.joints[i];
@@ -198,13 +201,12 @@ std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::siz
   return indices;
 }
 
-Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
-                            std::span<const std::size_t> indices, const PoseOptions& options, Size each,
-                            const std::function<void(double)>& progress) {
-  if (indices.empty()) return tl::unexpected(Error("a contact sheet needs at least one sample"));
+Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, std::span<const PoseState> states,
+                            const PoseOptions& options, Size each, const std::function<void(double)>& progress) {
+  if (states.empty()) return tl::unexpected(Error("a contact sheet needs at least one state"));
   auto painter = PosePainter::create(model, each);
   if (!painter) return tl::unexpected(painter.error());
-  const int n = static_cast<int>(indices.size());
+  const int n = static_cast<int>(states.size());
   const double unit = options.text_scale * each.height / 480.0;
   const int gap = static_cast<int>(12 * unit), caption = static_cast<int>(34 * unit);
   const bool legend = options.legend && options.colour_by != ColourBy::nothing;
@@ -226,7 +228,7 @@ Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, const tw
   PoseOptions single = options;
   single.legend = single.panel = false;
   for (int i = 0; i < n; ++i) {
-    const PoseState state = recorded(*model, record, indices[static_cast<std::size_t>(i)]);
+    const PoseState& state = states[static_cast<std::size_t>(i)];
     const auto image = painter->draw(state, single);
     if (!image) return image;
     const int x = gap + i % columns * (each.width + gap), y = gap + i / columns * (each.height + caption + gap);

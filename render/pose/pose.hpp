@@ -31,6 +31,8 @@ struct PoseState {
 PoseState rest(const mujoco::Model& model);
 /// Sample `index` of a record. Joints the record does not have keep their place at rest.
 PoseState recorded(const mujoco::Model& model, const twin::Recording& record, std::size_t index);
+/// The same, with the model's rest(), for many samples.
+PoseState recorded(const mujoco::Model& model, const twin::Recording& record, std::size_t index, PoseState at_rest);
 
 enum class ColourBy { temperature, friction, nothing };
 
@@ -75,10 +77,9 @@ class PosePainter {
   mujoco::DataPtr data_;
 };
 
-/// `indices` of a record beside each other in one picture of about 16:10, under one colour bar.
-Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
-                            std::span<const std::size_t> indices, const PoseOptions& options, Size each,
-                            const std::function<void(double)>& progress = {});
+/// States beside each other in one picture of about 16:10, under one colour bar.
+Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, std::span<const PoseState> states,
+                            const PoseOptions& options, Size each, const std::function<void(double)>& progress = {});
 /// `count` samples, evenly in time from first to last, without repetition.
 std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::size_t count);
 

@@ -5,11 +5,15 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/render/pose/moment.hpp>
 #include <tribotwin/render/pose/video.hpp>
 #include <tribotwin/render/process/child.hpp>
 
 namespace tribotwin::render {
 namespace {
+
+/// How long a work cycle takes in a film that shows some of many.
+constexpr double cycle_shortest_s = 1, cycle_longest_s = 4;
 
 /// Whether the file is a complete MP4: ffmpeg may end with exit code 0 on a full disk.
 Result<void> check_film(const std::filesystem::path& file) {
@@ -88,17 +92,16 @@ Result<void> write_video(const std::filesystem::path& file, twin::Existing exist
   const auto fail = [&](const Error& e) {
     return tl::unexpected(Error(fmt::format("{}: {}", file.string(), e.message), e.kind));
   };
-  const auto frames = static_cast<long>(std::llround(wanted));
-  std::size_t index = 0;
-  for (long i = 0; i < frames; ++i) {
-    const double t = span.front() + (span.back() - span.front()) *
-                                        (frames > 1 ? static_cast<double>(i) / static_cast<double>(frames - 1) : 1.0);
-    while (index + 1 < span.size() && span[index + 1] <= t) ++index;
-    const auto image = painter->draw(recorded(*model, record, index), pose);
+  const Moments moments(*model, record);
+  const auto cycle_frames = static_cast<std::size_t>(std::clamp(moments.period_s(), cycle_shortest_s, cycle_longest_s) *
+                                                     options.frames_per_s);
+  const auto times = moments.film_times(static_cast<std::size_t>(std::llround(wanted)), cycle_frames);
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    const auto image = painter->draw(moments.at(times[i]), pose);
     if (!image) return fail(image.error());
     if (auto fed = ffmpeg->write({reinterpret_cast<const char*>(image->rgb.data()), image->rgb.size()}); !fed)
       return fail(fed.error());
-    if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(frames));
+    if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(times.size()));
   }
   const auto said = ffmpeg->finish();
   if (!said) return fail(said.error());

@@ -81,15 +81,14 @@ class Writer {
     if (verdict.empty())
       verdict = f_.comparisons ? "No joint's friction changed by more than it does from one day to the next."
                                : "There are no earlier days to compare with.";
-    page_.add(to, "p", verdict, "verdict");
-    auto grid = page_.add(to, "div", {}, "tiles");
-    page_.tile(grid, "tests", fmt::format("{}", data_.results.days.size()),
-               fmt::format("{} robot{}, {} day{} of {:.3g} h", c_.robots, c_.robots > 1 ? "s" : "", c_.days,
-                           c_.days > 1 ? "s" : "", c_.duration_s / 3600));
-    page_.tile(grid, "cycles", fmt::format("{}", day(0, 0).cycles.size()), "of the motion on a day");
-    page_.tile(grid, "changes", fmt::format("{}", f_.changes.size()),
-               fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold),
-               f_.changes.empty() ? "good" : "bad");
+    std::vector<Tile> tiles;
+    tiles.push_back({"tests", fmt::format("{}", data_.results.days.size()),
+                     fmt::format("{} robot{}, {} day{} of {:.3g} h", c_.robots, c_.robots > 1 ? "s" : "", c_.days,
+                                 c_.days > 1 ? "s" : "", c_.duration_s / 3600)});
+    tiles.push_back({"cycles", fmt::format("{}", day(0, 0).cycles.size()), "of the motion on a day"});
+    tiles.push_back({"changes", fmt::format("{}", f_.changes.size()),
+                     fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold),
+                     f_.changes.empty() ? "good" : "bad"});
     std::optional<double> drift, over_days;
     for (std::size_t robot = 0; robot < c_.robots; ++robot)
       for (std::size_t p = 0; p < base_.parameters.size(); ++p) {
@@ -97,13 +96,23 @@ class Writer {
         if (s.over_a_day) drift = std::max(drift.value_or(0), *s.over_a_day);
         if (s.over_a_day && s.over_days) over_days = std::max(over_days.value_or(0), *s.over_days);
       }
-    page_.tile(
-        grid, "inertia over a day", share(drift),
-        fmt::format("maximum of the parameters that one cycle identifies within {:.0f} %", 100 * identified_within),
-        !drift          ? nullptr
-        : *drift < 0.05 ? "good"
-                        : "bad");
-    page_.tile(grid, "inertia over days", share(over_days), "maximum standard deviation of the same parameters");
+    tiles.push_back(
+        {"inertia over a day", share(drift),
+         fmt::format("maximum of the parameters that one cycle identifies within {:.0f} %", 100 * identified_within),
+         !drift          ? nullptr
+         : *drift < 0.05 ? "good"
+                         : "bad"});
+    tiles.push_back({"inertia over days", share(over_days), "maximum standard deviation of the same parameters"});
+    page_.open({.verdict = verdict,
+                .light = !f_.changes.empty()   ? Light::red
+                         : f_.comparisons == 0 ? Light::amber
+                                               : Light::green,
+                .rule = "red when friction of a joint changed by more than from one day to the next, amber when there "
+                        "are no days to compare with.",
+                .tiles = std::move(tiles),
+                .action = f_.changes.empty() ? "nothing; go on with the tests."
+                                             : "look at the joint named, and measure its friction curve.",
+                .identity = identity_of(options_, c_.name)});
   }
 
   double minutes(const Change& x) const { return day(x.robot, x.day).cycles[x.cycle].start_s / 60; }

@@ -1,4 +1,8 @@
 #include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
 #include <iterator>
 
 #include <fmt/format.h>
@@ -7,6 +11,7 @@
 #include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/fit_data.hpp>
 #include <tribotwin/twin/diagnosis/healthy_file.hpp>
+#include <tribotwin/twin/identification/samples/samples.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -34,6 +39,105 @@ void load_learned(DiagnosisData& d, const ObservationOptions& read) {
   }
 }
 
+/// The levels of the last curve of a file.
+void load_latest(DiagnosisData& d, const std::filesystem::path& file, const ObservationOptions& read) {
+  const auto samples = twin::identification::read_samples(
+      std::array{file}, *friction::find_law(law_name),
+      {.torque_max_nm = read.torque_max_nm, .gear_ratio = read.gear_ratio, .table = read.table});
+  if (!samples) return;  // read_observations has read it; what its page lacks then is the figure of the levels
+  for (std::size_t i = 0; i < samples->size(); ++i) {
+    if (!samples->curve.empty() && samples->curve[i] + 1 != samples->curves()) continue;
+    d.latest.speed_rad_s.push_back(samples->speed[i]);
+    d.latest.friction_nm.push_back(samples->friction[i]);
+    d.latest.error_nm.push_back(samples->standard_error.empty() ? 0 : samples->standard_error[i]);
+  }
+}
+
+constexpr std::size_t curve_points = 200;
+
+/// The steady-state law of Zhou 2024 (11) with these features.
+double friction_nm(const Features& f, double speed_rad_s) {
+  return f[0] + (f[1] - f[0]) * std::exp(-std::pow(speed_rad_s / f[2], alpha)) + f[3] * std::pow(speed_rad_s, f[4]);
+}
+
+/// Features of their logarithms (beta is not one).
+Features from_logarithms(const Features& y) {
+  Features f;
+  for (Eigen::Index i = 0; i < feature_count; ++i) f[i] = i + 1 < feature_count ? std::exp(y[i]) : y[i];
+  return f;
+}
+
+constexpr double two_sided_95 = 1.96;
+
+/// Covariance of the logarithmic features of a healthy joint's next curve at the temperature of an observation.
+FeatureMatrix healthy_covariance(const HealthyState& h, const Observation& o) {
+  const Eigen::VectorXd x = h.regressors(o.temperature_degC);
+  Features scale;
+  for (std::size_t r = 0; r < regions.size(); ++r)
+    scale.segment(regions[r].first, regions[r].count)
+        .setConstant(std::sqrt(h.region[r].variance(x, h.scatter_of(o, r))));
+  return scale.asDiagonal() * h.together * scale.asDiagonal();
+}
+
+/// What `of` makes of the features of a healthy joint, and how far 95 % of new curves are from it at most.
+struct Healthy {
+  double value, half_width;
+};
+Healthy healthy(const HealthyState& h, const Observation& o, auto of) {
+  const Features expected = o.logarithmic() - h.deviation(o);
+  const double value = of(from_logarithms(expected));
+  Features slope;
+  for (Eigen::Index k = 0; k < feature_count; ++k) {
+    constexpr double step = 1e-5;
+    Features moved = expected;
+    moved[k] += step;
+    slope[k] = (of(from_logarithms(moved)) - value) / step;
+  }
+  return {value, two_sided_95 * std::sqrt(std::max(0.0, slope.dot(healthy_covariance(h, o) * slope)))};
+}
+
+/// Days since 1970-01-01 of the first date in a name, "joint3_2026-03-14.csv".
+std::optional<double> day_of(const std::string& name) {
+  for (std::size_t i = 0; i + 10 <= name.size(); ++i) {
+    int year = 0, month = 0, day = 0, length = 0;
+    if (std::sscanf(name.c_str() + i, "%4d-%2d-%2d%n", &year, &month, &day, &length) != 3 || length != 10) continue;
+    const std::chrono::year_month_day date{std::chrono::year(year), std::chrono::month(static_cast<unsigned>(month)),
+                                           std::chrono::day(static_cast<unsigned>(day))};
+    if (date.ok()) return std::chrono::sys_days(date).time_since_epoch().count();
+  }
+  return std::nullopt;
+}
+
+std::string date_text(double day) {
+  const std::chrono::year_month_day date{std::chrono::sys_days(std::chrono::days(std::llround(day)))};
+  return fmt::format("{:04}-{:02}-{:02}", static_cast<int>(date.year()), static_cast<unsigned>(date.month()),
+                     static_cast<unsigned>(date.day()));
+}
+
+/// The days of observations, in the order given; nothing, and why, where they have none or go back.
+std::vector<double> days_of(DiagnosisData& d) {
+  std::vector<double> days;
+  for (const auto& o : d.checked)
+    if (const auto day = day_of(std::filesystem::path(o.file).filename().string())) days.push_back(*day);
+  if (days.size() != d.checked.size()) return {};
+  if (std::ranges::is_sorted(days)) return days;
+  d.missing.push_back(
+      "The files are not in the order of the dates in their names: there is no trend over dates, and changes add up in "
+      "the order given.");
+  return {};
+}
+
+/// A probability that is no certainty.
+std::string percent(double p) { return p > 0.99 ? "> 99 %" : p < 0.01 ? "< 1 %" : fmt::format("{:.0f} %", 100 * p); }
+
+std::string severity_text(const Pattern& p, double severity) {
+  return p.unit == "1" ? fmt::format("{:.2g} %", 100 * severity) : fmt::format("{:.2g} {}", severity, p.unit);
+}
+
+constexpr std::array<std::string_view, feature_count> in_words{"Coulomb friction Fc", "standstill friction Fs",
+                                                               "speed Vs, below which friction rises",
+                                                               "viscous friction Fv", "its exponent beta"};
+
 class Writer {
  public:
   Writer(const DiagnosisData& d, const ReportOptions& options)
@@ -41,12 +145,12 @@ class Writer {
 
   Result<Report> write() {
     head();
-    table();
     double share = 0;
-    for (const auto part : {&Writer::regions_shown, &Writer::over_time}) {
+    for (const auto part : {&Writer::latest_curve, &Writer::over_dates, &Writer::over_time, &Writer::regions_shown}) {
       if (auto ok = (this->*part)(); !ok) return tl::unexpected(ok.error());
-      if (options_.progress) options_.progress(share += 0.5);
+      if (options_.progress) options_.progress(share += 0.25);
     }
+    appendix();
     origin();
     return page_.report(d_.missing);
   }
@@ -60,9 +164,68 @@ class Writer {
     return static_cast<std::size_t>(std::ranges::count_if(d_.verdicts, &Verdict::anomalous));
   }
 
+  std::string verdict() const {
+    const auto& last = d_.verdicts.back();
+    if (anomalous() == 0) return fmt::format("All {} observations are those of a healthy joint.", d_.verdicts.size());
+    std::string now = ", but the latest is.";
+    if (last.anomalous && last.cause)
+      now = fmt::format("; the latest looks like {}, {} (confidence {}).", last.cause->meaning,
+                        severity_text(*last.cause, last.severity), percent(last.confidence));
+    else if (last.anomalous)
+      now = "; the latest looks like no cause that is known.";
+    return fmt::format("{} of {} observations are not those of a healthy joint{}", anomalous(), d_.verdicts.size(),
+                       now);
+  }
+
+  Opening opening() const {
+    const auto& last = d_.verdicts.back();
+    const bool now = last.anomalous, before = anomalous() > 0;
+    Opening o{
+        .verdict = verdict(),
+        .light = now      ? Light::red
+                 : before ? Light::amber
+                          : Light::green,
+        .rule = "red when the latest observation is not that of a healthy joint, amber when an earlier one is not.",
+        .tiles = {},
+        .action = last.cause ? std::string(last.cause->advice) + "."
+                  : now      ? "measure again, cold and hot: the cause is not known."
+                             : "nothing; measure again at the next date.",
+        .identity = identity_of(options_, h_.joint)};
+    o.tiles.push_back({"anomalous", fmt::format("{} of {}", anomalous(), d_.verdicts.size()), "observations",
+                       before ? "bad" : "good"});
+    add_friction(o.tiles);
+    o.tiles.push_back({"equivalent load, latest", fmt::format("{:.3f} ± {:.3f}", last.load.load_norm, last.load.sigma),
+                       "of the maximum torque, one sigma"});
+    if (const auto& m = d_.watch.margin)
+      o.tiles.push_back(
+          {m->load_norm.value > 0 ? "left to the wear threshold" : "wear threshold exceeded: left",
+           fmt::format("{:.3f}", m->load_norm.value),
+           fmt::format("95 %: {:.3f} … {:.3f} of the maximum torque", m->load_norm.low, m->load_norm.high)});
+    else
+      o.tiles.push_back({"wear threshold", fmt::format("{:.3f}", last.load.threshold), "in equivalent load"});
+    return o;
+  }
+
+  /// Friction of the latest curve against that of a healthy joint at the same temperature and speeds.
+  void add_friction(std::vector<Tile>& tiles) const {
+    const auto& levels = d_.latest;
+    if (levels.speed_rad_s.empty()) return;
+    double measured = 0;
+    for (const double nm : levels.friction_nm) measured += nm;
+    const Healthy sum = healthy(h_, d_.checked.back(), [&](const Features& f) {
+      double all = 0;
+      for (const double v : levels.speed_rad_s) all += friction_nm(f, v);
+      return all;
+    });
+    tiles.push_back({"friction, latest", fmt::format("{:+.1f} %", 100 * (measured / sum.value - 1)),
+                     fmt::format("mean of its levels; 95 % of healthy joints lie within ± {:.1f} %",
+                                 100 * sum.half_width / sum.value)});
+  }
+
   void head() {
     auto to = page_.body();
     page_.add(to, "h1", title());
+    page_.open(opening());
     page_.add(to, "p",
               fmt::format("Compared with a healthy state of {} unloaded curves{}; {:.3g} % of healthy observations may "
                           "be called anomalous in each region.",
@@ -72,24 +235,10 @@ class Writer {
                               : "",
                           100 * d_.options.check.false_alarm),
               "soft");
-    page_.add(to, "p",
-              anomalous() == 0 ? fmt::format("All {} observations are those of a healthy joint.", d_.verdicts.size())
-                               : fmt::format("{} of {} observations are not those of a healthy joint.", anomalous(),
-                                             d_.verdicts.size()),
-              "verdict");
     if (!d_.missing.empty()) {
       auto box = page_.add(to, "div", {}, "notice");
       for (const auto& what : d_.missing) page_.add(box, "p", what);
     }
-    auto tiles = page_.add(to, "div", {}, "tiles");
-    page_.tile(tiles, "anomalous", fmt::format("{} of {}", anomalous(), d_.verdicts.size()), "observations",
-               anomalous() ? "bad" : "good");
-    const auto& last = d_.verdicts.back();
-    page_.tile(tiles, "latest", std::string(last.pattern), fmt::format("confidence {:.0f} %", 100 * last.confidence),
-               last.anomalous ? "bad" : "good");
-    page_.tile(tiles, "equivalent load, latest", fmt::format("{:.3f} ± {:.3f}", last.load.load_norm, last.load.sigma),
-               "of the maximum torque");
-    page_.tile(tiles, "wear threshold", fmt::format("{:.3f}", last.load.threshold), "in equivalent load");
     page_.add(to, "h2", "Verdicts");
     for (std::size_t i = 0; i < d_.verdicts.size(); ++i)
       if (d_.verdicts[i].anomalous) page_.add(to, "p", fmt::format("{}. {}", i + 1, d_.verdicts[i].sentence));
@@ -98,18 +247,195 @@ class Writer {
                 fmt::format("{} observation(s): contact surfaces and lubricant are healthy.",
                             d_.verdicts.size() - anomalous()),
                 "soft");
+    std::vector<std::vector<std::string>> rows;
+    for (std::size_t i = 0; i < d_.verdicts.size(); ++i) {
+      const auto& v = d_.verdicts[i];
+      rows.push_back({fmt::format("{}", i + 1), temperature_of(d_.checked[i]), state(v.region[0].anomalous),
+                      state(v.region[1].anomalous), std::string(v.pattern), percent(v.confidence)});
+      if (!d_.days.empty()) rows.back().insert(rows.back().begin() + 1, date_text(d_.days[i]));
+    }
+    std::vector<std::string> columns{"number", "°C", "contact surfaces", "lubricant", "cause", "confidence"};
+    if (!d_.days.empty()) columns.insert(columns.begin() + 1, "date");
+    page_.add_table(to, columns, rows);
+    evidence(to);
   }
 
-  void table() {
-    auto to = page_.body();
-    page_.add(to, "h2", "Distances");
-    const auto yes = [](bool b) { return b ? "True" : "False"; };
+  static std::string temperature_of(const Observation& o) {
+    return o.temperature_degC ? fmt::format("{:.1f}", *o.temperature_degC) : "–";
+  }
+  static std::string state(bool anomalous) { return anomalous ? "anomalous" : "healthy"; }
+
+  /// The latest curve over those of a healthy joint at its temperature.
+  Outcome latest_curve() {
+    const auto& levels = d_.latest;
+    if (levels.speed_rad_s.empty()) return {};
+    const Observation& o = d_.checked.back();
+    std::vector<double> speed;
+    std::vector<Healthy> band_of;
+    for (std::size_t i = 0; i <= curve_points; ++i) {
+      const double v = 1.05 * std::ranges::max(levels.speed_rad_s) * static_cast<double>(i) / curve_points;
+      speed.push_back(v);
+      band_of.push_back(healthy(h_, o, [v](const Features& f) { return friction_nm(f, v); }));
+    }
+    Figure f{.title = "Latest curve and healthy friction",
+             .x = {.quantity = "motor speed", .symbol = "{/:Italic v}", .unit = "rad/s", .from = 0},
+             .y = {.quantity = "friction", .unit = "Nm"}};
+    Series band{.mark = Mark::area, .label = "healthy, 95 %", .stroke = 0};
+    Series middle{.label = "healthy", .x = speed, .stroke = 0};
+    for (std::size_t i = 0; i < speed.size(); ++i) {
+      middle.y.push_back(band_of[i].value);
+      band.x.push_back(speed[i]);
+      band.y.push_back(band_of[i].value + band_of[i].half_width);
+    }
+    for (std::size_t i = speed.size(); i-- > 0;) {
+      band.x.push_back(speed[i]);
+      band.y.push_back(band_of[i].value - band_of[i].half_width);
+    }
+    f.series.push_back(std::move(band));
+    f.series.push_back(std::move(middle));
+    f.series.push_back({.mark = Mark::error_bars,
+                        .label = "measured",
+                        .x = levels.speed_rad_s,
+                        .y = levels.friction_nm,
+                        .error = levels.error_nm,
+                        .stroke = 1});
+    page_.add(page_.body(), "h2", "The latest curve");
+    auto grid = page_.add(page_.body(), "div", {}, "figures");
+    return page_.show(
+        grid, f, "latest_curve",
+        fmt::format("Measured levels of observation {}{}, and where 95 % of the curves of a healthy joint "
+                    "lie at that temperature.",
+                    d_.checked.size(), o.temperature_degC ? fmt::format(" at {:.1f} °C", *o.temperature_degC) : ""));
+  }
+
+  /// What the latest observation has of its cause, and what it lacks.
+  void evidence(pugi::xml_node to) {
+    const Observation& o = d_.checked.back();
+    const Verdict& v = d_.verdicts.back();
+    if (!v.anomalous) return;
+    page_.add(to, "h2", "The cause");
+    const Features expected = v.cause ? v.cause->footprint(h_, v.severity).features : Features::Zero().eval();
+    const Features found = h_.deviation(o), sigma = healthy_covariance(h_, o).diagonal().cwiseSqrt();
+    std::vector<std::string> pro, contra;
+    std::vector<std::vector<std::string>> rows;
+    for (Eigen::Index i = 0; i < feature_count; ++i) {
+      const std::string name(in_words[static_cast<std::size_t>(i)]);
+      const double reach = two_sided_95 * sigma[i];
+      const bool changed = std::abs(found[i]) > reach, agrees = std::abs(found[i] - expected[i]) <= reach;
+      if (v.cause && (changed || !agrees)) (agrees ? pro : contra).push_back(name);
+      rows.push_back({name, change_of(i, found[i]), "± " + change_of(i, reach).substr(1),
+                      v.cause ? change_of(i, expected[i]) : "–",
+                      !v.cause  ? (changed ? "changed" : "as learned")
+                      : !agrees ? "against"
+                      : changed ? "for"
+                                : "as learned, as it would be"});
+    }
+    if (v.cause)
+      page_.add(to, "p",
+                fmt::format("It looks like {}, {} (confidence {}). For it: {}. Against it: {}.", v.cause->meaning,
+                            severity_text(*v.cause, v.severity), percent(v.confidence), listed(pro), listed(contra)));
+    else
+      page_.add(to, "p", "No known cause moves friction like this.");
+    page_.add(to, "p", "Next test: " + next_test(v, sigma));
+    page_.add_table(to, {"of the latest curve", "change", "95 % of healthy joints", "as this cause", "speaks"}, rows);
+    other_causes(to, v);
+  }
+
+  /// Relative to a healthy joint at this temperature; of the exponent the difference.
+  static std::string change_of(Eigen::Index feature, double logarithm) {
+    return feature + 1 < feature_count ? fmt::format("{:+.1f} %", 100 * std::expm1(logarithm))
+                                       : fmt::format("{:+.3f}", logarithm);
+  }
+
+  static std::string listed(const std::vector<std::string>& all) { return all.empty() ? "nothing" : twin::joined(all); }
+
+  /// What tells the two likeliest causes from each other.
+  std::string next_test(const Verdict& v, const Features& sigma) const {
+    const std::string again = "the friction curve again, at the same temperature and without payload";
+    if (v.candidates.size() < 2 || !v.cause || !(v.candidates[1].probability > 0.01) || !v.candidates[1].pattern)
+      return again + "; then after what is to be done.";
+    const Candidate& second = v.candidates[1];
+    const Features differ =
+        (second.pattern->footprint(h_, second.severity).features - v.cause->footprint(h_, v.severity).features)
+            .cwiseAbs()
+            .cwiseQuotient(sigma);
+    Eigen::Index which = 0;
+    if (differ.maxCoeff(&which) < 1)
+      return fmt::format("{}. Friction curves alone do not tell it from {}.", again, second.pattern->meaning);
+    const double slow = 3 * h_.mean(2);
+    return fmt::format("{}, with more levels {} {:.3g} rad/s (motor side): {} tells it from {} ({}).", again,
+                       which < 3 ? "below" : "above", slow, in_words[static_cast<std::size_t>(which)],
+                       second.pattern->meaning, percent(second.probability));
+  }
+
+  void other_causes(pugi::xml_node to, const Verdict& v) {
+    std::vector<std::vector<std::string>> rows;
+    for (const auto& c : v.candidates)
+      if (c.pattern && c.pattern != v.cause && c.probability >= 0.01)
+        rows.push_back(
+            {std::string(c.pattern->meaning), percent(c.probability), severity_text(*c.pattern, c.severity)});
+    if (!rows.empty()) page_.add_table(to, {"other causes", "probability", "how much"}, rows);
+  }
+
+  /// When the wear threshold is reached, or was.
+  std::string trend_text(const Margin& m) const {
+    const double threshold = d_.verdicts.back().load.threshold;
+    const auto date = [&](double days) { return date_text(d_.days.back() + days); };
+    if (m.load_norm.value <= 0) {
+      const double since = (threshold - m.line[0]) / m.line[1];
+      return m.line[1] > 0 && since > 0
+                 ? fmt::format("The wear threshold is exceeded, by the straight line since about {}.",
+                               date_text(d_.days.front() + since))
+                 : std::string("The wear threshold is exceeded since the first curve.");
+    }
+    if (!m.observations) return "The equivalent load does not rise.";
+    return fmt::format("At this rate the wear threshold is reached about {} (95 %: {} … {}).", date(*m.observations),
+                       date(m.earliest.value_or(0)),
+                       m.latest ? date(*m.latest) : std::string("never: the rise may be none"));
+  }
+
+  /// The equivalent load over the dates of the curves, and when it reaches the wear threshold.
+  Outcome over_dates() {
+    const auto& m = d_.trend;
+    if (!m) return {};
+    page_.add(page_.body(), "h2", "Trend");
+    const double first = d_.days.front(), last = d_.days.back() - first;
+    const double end = last + std::min(last, m->observations.value_or(last));
+    const double threshold = d_.verdicts.back().load.threshold;
+    Figure f{.title = "Equivalent load over dates",
+             .x = {.quantity = "days since " + date_text(first), .unit = "d"},
+             .y = {.quantity = "equivalent load", .unit = "-"}};
+    Series band{.mark = Mark::area, .label = "line, 95 %", .stroke = 0},
+        line{.label = "straight line", .x = {0, end}, .y = {m->at(0).value, m->at(end).value}, .stroke = 0},
+        points{.mark = Mark::error_bars, .label = "measured, 95 %", .stroke = 1};
+    for (int i = 0; i <= 50; ++i) band.x.push_back(end * i / 50), band.y.push_back(m->at(end * i / 50).high);
+    for (int i = 50; i >= 0; --i) band.x.push_back(end * i / 50), band.y.push_back(m->at(end * i / 50).low);
+    for (std::size_t i = 0; i < d_.days.size(); ++i) {
+      points.x.push_back(d_.days[i] - first);
+      points.y.push_back(d_.verdicts[i].load.load_norm);
+      points.error.push_back(two_sided_95 * d_.verdicts[i].load.sigma);
+    }
+    f.series = {
+        std::move(band),
+        std::move(line),
+        std::move(points),
+        {.mark = Mark::reference, .label = "wear threshold", .x = {0, end}, .y = {threshold, threshold}, .stroke = 5}};
+    page_.add(page_.body(), "p", trend_text(*m));
+    auto grid = page_.add(page_.body(), "div", {}, "figures");
+    return page_.show(grid, f, "trend",
+                      "The extra load that would change friction of the contact surfaces as much, over the maximum "
+                      "torque, with the straight line through all curves.");
+  }
+
+  /// In the words of Zhou 2024.
+  void appendix() {
+    auto to = page_.add_details(page_.body(), "Distances and statistics, as in Zhou 2024");
+    const auto yes = [](bool b) { return b ? "yes" : "no"; };
     std::vector<std::vector<std::string>> rows;
     for (std::size_t i = 0; i < d_.verdicts.size(); ++i) {
       const auto& v = d_.verdicts[i];
       const auto& o = d_.checked[i];
-      std::vector<std::string> row{fmt::format("{}", i + 1),
-                                   o.temperature_degC ? fmt::format("{:.1f}", *o.temperature_degC) : "–"};
+      std::vector<std::string> row{fmt::format("{}", i + 1), temperature_of(o)};
       for (const auto& r : v.region)
         row.insert(row.end(),
                    {fmt::format("{:.3f}", r.distance), fmt::format("{:.2f}", r.statistic), yes(r.anomalous)});
@@ -118,8 +444,8 @@ class Writer {
       rows.push_back(std::move(row));
     }
     page_.add_table(to,
-                    {"", "°C", "distance 1", "T² 1", "anomalous 1", "distance 2", "T² 2", "anomalous 2", "equiv. load",
-                     "pattern", "confidence"},
+                    {"number", "°C", "distance 1", "T² 1", "anomalous 1", "distance 2", "T² 2", "anomalous 2",
+                     "equiv. load", "pattern", "confidence"},
                     rows);
     page_.add(
         to, "p",
@@ -145,13 +471,12 @@ class Writer {
     for (std::size_t i = 0; i < d_.checked.size(); ++i)
       shown.checked.push_back(
           {d_.checked[i].features, {d_.verdicts[i].region[0].anomalous, d_.verdicts[i].region[1].anomalous}});
-    page_.add(page_.body(), "h2", "Confidence regions");
-    return show_regions(page_, page_.body(), shown);
+    return show_regions(page_, page_.add_details(page_.body(), "Confidence regions, as in Zhou 2024"), shown);
   }
 
   Outcome over_time() {
     if (d_.checked.size() < 3) return {};
-    page_.add(page_.body(), "h2", "Over time");
+    page_.add(page_.body(), "h2", "Small changes that last");
     const Watch& w = d_.watch;
     Figure f{.title = "CUSUM", .x = {.quantity = "observation"}, .y = {.quantity = "CUSUM", .from = 0}};
     for (std::size_t r = 0; r < regions.size(); ++r) {
@@ -187,10 +512,9 @@ class Writer {
   }
 
   void origin() {
-    auto to = page_.body();
     page_.add_origin(options_.command);
-    page_.add(to, "p", fmt::format("{}, as it was read:", d_.file.filename().string()));
-    page_.add(to, "pre", d_.text);
+    page_.add(page_.add_details(page_.body(), fmt::format("{}, as it was read", d_.file.filename().string())), "pre",
+              d_.text);
   }
 
   const DiagnosisData& d_;
@@ -215,6 +539,13 @@ Result<DiagnosisData> load_diagnosis(const std::filesystem::path& healthy,
     if (!verdicts) return tl::unexpected(verdicts.error());
     std::ranges::move(seen->observations, std::back_inserter(d.checked));
     std::ranges::move(*verdicts, std::back_inserter(d.verdicts));
+  }
+  load_latest(d, data.back(), read);
+  d.days = days_of(d);
+  if (!d.days.empty() && d.days.back() > d.days.front()) {
+    std::vector<double> since;
+    for (const double day : d.days) since.push_back(day - d.days.front());
+    d.trend = margin(d.healthy, d.checked, since);
   }
   d.watch = watch(d.healthy, d.checked, options.watch_false_alarm);
   load_learned(d, read);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,7 +23,13 @@ struct DiagnosisData {
   twin::diagnosis::HealthyState healthy;
   std::vector<twin::diagnosis::Observation> learned;  ///< empty where the files that the state names are missing
   std::vector<twin::diagnosis::Observation> checked;
+  /// Levels of the latest of them.
+  struct Levels {
+    std::vector<double> speed_rad_s, friction_nm, error_nm;  ///< motor side; arm side; one sigma
+  } latest;
   std::vector<twin::diagnosis::Verdict> verdicts;  ///< as many as checked
+  std::vector<double> days;  ///< since 1970, of the dates in the files' names; empty where one lacks or goes back
+  std::optional<twin::diagnosis::Margin> trend;  ///< over `days`
   twin::diagnosis::Watch watch;
   DiagnosisOptions options;
   std::vector<std::string> missing;  ///< what is not there: sentences for the reader
@@ -33,8 +40,9 @@ Result<DiagnosisData> load_diagnosis(const std::filesystem::path& healthy,
                                      const std::vector<std::filesystem::path>& data,
                                      twin::diagnosis::ObservationOptions read, const DiagnosisOptions& options);
 
-/// One self-contained page: verdicts as sentences, distances as in Tables II and III of Zhou 2024, regions as in its
-/// Figures 14 and 15, the CUSUM and the margin left. Fails where figures cannot be drawn at all (no gnuplot).
+/// One self-contained page: what is to be done, the latest curve over those of a healthy joint at its temperature,
+/// verdicts as sentences, the CUSUM and the margin left, regions as in Figures 14 and 15 of Zhou 2024; distances as in
+/// its Tables II and III in an appendix. Fails where figures cannot be drawn at all (no gnuplot).
 Result<Report> make_diagnosis_report(const DiagnosisData& data, const ReportOptions& options);
 
 }  // namespace tribotwin::render

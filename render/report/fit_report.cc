@@ -124,18 +124,23 @@ class Writer {
         p_.found.parameters, [&](const auto& e) { return e.status == Status::estimated && identifiable(e.name); }));
   }
 
-  /// What was identified, from what and how well, and what is not identifiable.
+  /// What was identified, from what and how well.
   std::string verdict() const {
     if (p_.found.samples == 0)
       return fmt::format("Law '{}' with given parameters: the file does not say how they were found.", law_.name);
     const std::string source = p_.data.size() == 1 ? " of " + std::filesystem::path(p_.data[0]).filename().string()
                                : p_.data.empty()   ? ""
                                                    : fmt::format(" of {} files", p_.data.size());
-    std::string s = fmt::format("{} of the {} parameters of law '{}' were identified from {} samples{}.", identified(),
-                                p_.found.parameters.size(), law_.name, p_.found.samples, source);
+    return fmt::format("{} of the {} parameters of law '{}' were identified from {} samples{}.", identified(),
+                       p_.found.parameters.size(), law_.name, p_.found.samples, source);
+  }
+
+  /// How well they fit, and what is not identifiable.
+  std::string details() const {
+    std::string s;
     if (fit_.has_residual())
       s += fmt::format(
-          " The residuals have a standard deviation of {}; the law explains {:.2f} % of the variance of friction.",
+          "The residuals have a standard deviation of {}; the law explains {:.2f} % of the variance of friction.",
           torque(p_.found.residual.std), 100 * p_.found.r_squared);
     const auto say = [&](const std::vector<std::string>& names, const char* what) {
       if (!names.empty()) s += fmt::format(" {}: {}.", what, twin::joined(names));
@@ -144,6 +149,27 @@ class Writer {
     say(with_status(Status::fixed), "Given, not estimated");
     say(with_status(Status::at_bound), "At a bound of the accepted range");
     return s;
+  }
+
+  Opening opening() const {
+    const auto bound = with_status(Status::at_bound), held = with_status(Status::held);
+    const bool lacks = !p_.found.unidentifiable.empty() || !held.empty();
+    Opening o{.verdict = verdict(),
+              .light = !bound.empty() ? Light::red
+                       : lacks        ? Light::amber
+                                      : Light::green,
+              .rule =
+                  "green when every parameter is identified or given, amber when data do not identify one, red when "
+                  "one is at a bound of its range.",
+              .tiles = tiles(),
+              .action = !bound.empty() ? "do not use " + twin::joined(bound) +
+                                             ": measure at other speeds, loads or "
+                                             "temperatures, or choose another law."
+                        : lacks ? "use the law where it was measured only; more speeds, loads or temperatures "
+                                  "identify the rest."
+                                : "use the law within its range.",
+              .identity = identity_of(options_, "")};
+    return o;
   }
 
   std::string range_text() const {
@@ -160,9 +186,10 @@ class Writer {
   void head() {
     auto to = page_.body();
     page_.add(to, "h1", title());
-    page_.add(to, "p", range_text(), "soft");
-    page_.add(to, "p", verdict(), "verdict");
     notes_ = fit_.missing;
+    page_.open(opening());
+    page_.add(to, "p", range_text(), "soft");
+    page_.add(to, "p", details(), "soft");
     if (has_samples() && !fit_.own_data)
       notes_.push_back(fmt::format(
           "The data shown here are not those of the identification: {} samples, whose residuals have a standard "
@@ -172,7 +199,6 @@ class Writer {
       auto box = page_.add(to, "div", {}, "notice");
       for (const auto& what : notes_) page_.add(box, "p", what);
     }
-    tiles(to);
     std::vector<std::string> remarks = p_.found.notes;
     for (const auto& note : s_.notes)
       if (std::ranges::find(remarks, note) == remarks.end()) remarks.push_back(note);
@@ -181,22 +207,22 @@ class Writer {
     for (const auto& note : remarks) page_.add(to, "p", note);
   }
 
-  void tiles(pugi::xml_node to) {
-    if (known_.empty()) return;
-    auto grid = page_.add(to, "div", {}, "tiles");
+  std::vector<Tile> tiles() const {
+    std::vector<Tile> all;
+    if (known_.empty()) return all;
     const char* unit = law_.normalised ? "of the maximum torque" : "Nm";
     if (fit_.has_residual()) {
-      page_.tile(grid, "residual, std", significant(p_.found.residual.std), unit);
-      page_.tile(grid, "maximum residual", significant(p_.found.residual.max_abs), unit);
-      page_.tile(grid, "explained", fmt::format("{:.2f} %", 100 * p_.found.r_squared), "of the variance of friction");
-      page_.tile(grid, "condition number", significant(p_.found.condition_number), "of the scaled Jacobian");
+      all.push_back({"residual, std", significant(p_.found.residual.std), unit});
+      all.push_back({"maximum residual", significant(p_.found.residual.max_abs), unit});
+      all.push_back({"explained", fmt::format("{:.2f} %", 100 * p_.found.r_squared), "of the variance of friction"});
     }
     const std::size_t known = identified() + with_status(Status::fixed).size();
-    page_.tile(grid, "parameters known", fmt::format("{} of {}", known, p_.found.parameters.size()), "",
-               known == p_.found.parameters.size() ? "good" : "bad");
+    all.push_back({"parameters known", fmt::format("{} of {}", known, p_.found.parameters.size()), "",
+                   known == p_.found.parameters.size() ? "good" : "bad"});
     if (const auto pairs = most_correlated(); !pairs.empty())
-      page_.tile(grid, "strongest correlation", pair_name(pairs[0]),
-                 "correlation " + correlation(correlation_of(pairs[0])));
+      all.push_back(
+          {"strongest correlation", pair_name(pairs[0]), "correlation " + correlation(correlation_of(pairs[0]))});
+    return all;
   }
 
   const char* status_of(const twin::identification::Estimate& e) const {

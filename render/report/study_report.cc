@@ -138,12 +138,7 @@ class Writer {
   void head(const std::filesystem::path& directory) {
     auto to = page_.body();
     page_.add(to, "h1", title_);
-    page_.add(
-        to, "p",
-        fmt::format("{}: the experiment of Zhou 2024, healthy states learned from unloaded curves cold to hot, and "
-                    "verdicts on curves that were not learned.",
-                    directory.string()),
-        "soft");
+    std::vector<std::string> sentences;
     std::size_t unloaded = 0, false_alarms = 0, loaded = 0, flagged = 0, faults = 0, named = 0;
     for (const StudyJoint& joint : joints_) {
       std::string said;
@@ -154,7 +149,7 @@ class Writer {
         said += fmt::format(" Region {} ({}) flags {}.", r + 1, regions[r].of,
                             which.empty() ? "nothing" : twin::joined(which, "; "));
       }
-      page_.add(to, "p", joint.name + ":" + said, "verdict");
+      sentences.push_back(joint.name + ":" + said);
       for (const StudyVerdict& v : joint.checked) {
         const auto [count, hits] = v.has_fault()    ? std::tie(faults, named)
                                    : v.load_kg == 0 ? std::tie(unloaded, false_alarms)
@@ -163,13 +158,32 @@ class Writer {
         hits += v.has_fault() ? v.pattern == v.state : v.anomalous;
       }
     }
-    auto tiles = page_.add(to, "div", {}, "tiles");
-    page_.tile(tiles, "false alarms", fmt::format("{} of {}", false_alarms, unloaded), "new unloaded curves",
-               false_alarms ? "bad" : "good");
-    page_.tile(tiles, "loads noticed", fmt::format("{} of {}", flagged, loaded), "curves with a payload");
+    std::vector<Tile> tiles;
+    tiles.push_back({"false alarms", fmt::format("{} of {}", false_alarms, unloaded), "new unloaded curves",
+                     false_alarms ? "bad" : "good"});
+    tiles.push_back({"loads noticed", fmt::format("{} of {}", flagged, loaded), "curves with a payload"});
+    const bool missed = 5 * named < 4 * faults;
     if (faults)
-      page_.tile(tiles, "faults named", fmt::format("{} of {}", named, faults), "simulated curves with a fault",
-                 5 * named < 4 * faults ? "bad" : "good");
+      tiles.push_back({"faults named", fmt::format("{} of {}", named, faults), "simulated curves with a fault",
+                       missed ? "bad" : "good"});
+    page_.open({.verdict = fmt::format("{} of {} curves with a payload are noticed, {} of {} without one are false "
+                                       "alarms{}.",
+                                       flagged, loaded, false_alarms, unloaded,
+                                       faults ? fmt::format(", and {} of {} faults are named", named, faults) : ""),
+                .light = missed         ? Light::red
+                         : false_alarms ? Light::amber
+                                        : Light::green,
+                .rule = "red when fewer than 80 % of the faults are named, amber with a false alarm.",
+                .tiles = std::move(tiles),
+                .action = "compare figures and tables with those of Zhou 2024.",
+                .identity = identity_of(options_, title_)});
+    for (const auto& said : sentences) page_.add(to, "p", said);
+    page_.add(
+        to, "p",
+        fmt::format("{}: the experiment of Zhou 2024, healthy states learned from unloaded curves cold to hot, and "
+                    "verdicts on curves that were not learned.",
+                    (directory / "").parent_path().filename().string()),
+        "soft");
   }
 
   Outcome friction(const StudyJoint& joint) {

@@ -78,7 +78,8 @@ std::vector<double> ticks(double from, double to, int count) {
       break;
     }
   std::vector<double> out;
-  for (double i = std::ceil(from / step - 1e-9); i * step <= to + 1e-9 * step; ++i) out.push_back(i * step);
+  for (double i = std::ceil(from / step - 1e-9); i * step <= to + 1e-9 * step; ++i)
+    out.push_back(i * step + 0.0);  // never -0
   return out;
 }
 

@@ -25,6 +25,7 @@ inline constexpr Colour page{0xf6, 0xf8, 0xfb};
 inline constexpr Colour line{0xdd, 0xe3, 0xea};
 inline constexpr Colour grid{0xe9, 0xed, 0xf2};
 inline constexpr Colour good{0x1d, 0x74, 0x44};
+inline constexpr Colour warn{0x8a, 0x5a, 0x00};  ///< 5.5:1 on page
 inline constexpr Colour bad{0xb4, 0x23, 0x18};
 inline constexpr Colour accent{0x2b, 0x5f, 0x8a};
 /// For figures in a page: what the reader's system has, sans serif.

@@ -2,6 +2,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <ctime>
 #include <memory>
 #include <new>
 #include <numeric>
@@ -74,15 +75,22 @@ std::string checks_that_warn(const Summary& s) {
   return joined(checks);
 }
 
-std::string table_of(std::span<const JointSummary> joints) {
+/// Of joints that carry nothing the integrator leaves 1e-9 Nm, which is no friction.
+std::string friction_text(double nm) { return nm < 1e-6 ? "0" : fmt::format("{:.4g}", nm); }
+
+std::string table_of(const Summary& s) {
   constexpr auto right = TextTable::right;
-  TextTable table{{TextTable::left("joint"), right("start"), right("end"), right("max [degC]"), right("friction rms"),
-                   right("max"), TextTable::left(), right("load [-]"), right("clamped"), right("stuck [s]")}};
-  for (const auto& j : joints)
+  const auto steps = static_cast<double>(std::max<std::int64_t>(1, s.steps_computed));
+  const double computed_s = s.simulated_s * steps / static_cast<double>(std::max<std::int64_t>(1, s.steps));
+  TextTable table{{TextTable::left("joint"), right("start [degC]"), right("end [degC]"), right("max [degC]"),
+                   right("friction rms"), right("max"), TextTable::left(), right("load max [-]"),
+                   right("outside law [%]"), right("stuck [%]")}};
+  for (const auto& j : s.joints)
     table.add({j.name, fmt::format("{:.2f}", j.temperature_degC.start), fmt::format("{:.2f}", j.temperature_degC.end),
-               fmt::format("{:.2f}", j.temperature_degC.max), fmt::format("{:.4g}", j.friction_nm.rms),
-               fmt::format("{:.4g}", j.friction_nm.max), unit_of("Nm", j.slide), fmt::format("{:.3f}", j.load_max_norm),
-               fmt::format("{}", j.clamped_samples), fmt::format("{:.2f}", j.stuck_s)});
+               fmt::format("{:.2f}", j.temperature_degC.max), friction_text(j.friction_nm.rms),
+               friction_text(j.friction_nm.max), unit_of("Nm", j.slide), fmt::format("{:.3f}", j.load_max_norm),
+               fmt::format("{:.3g}", 100 * static_cast<double>(j.clamped_samples) / steps),
+               fmt::format("{:.3g}", 100 * j.stuck_s / std::max(computed_s, 1e-9))});
   return table.text();
 }
 
@@ -91,7 +99,7 @@ void print_summary(const Summary& s, const fs::path& directory) {
         s.simulated_s / std::max(s.wall_s, 1e-9), s.steps_computed, s.steps);
   print("friction work {:.6g} J, heat {:.6g} J, energy balance {:.2g} J\n", s.friction_work_J, s.heat_J,
         s.energy_balance_J);
-  print_text(table_of(s.joints));
+  print_text(table_of(s));
   if (s.comparison)
     print("MAE against the recording: {:.1f} mrad; the same twin with MuJoCo's frictionloss and damping: {:.1f} mrad\n",
           s.comparison->mae_mrad, s.comparison->baseline_mae_mrad);
@@ -216,6 +224,8 @@ void note_recording(const Arguments& a, const Scenario& scenario) {
   for (const auto& text : scenario.recording->notes) note("{}", text);
 }
 
+std::time_t wall_clock() { return std::time(nullptr); }
+
 /// The progress of several runs, each in a process of its own, on one line.
 class SharedProgress {
  public:
@@ -283,7 +293,8 @@ Result<Outcome> run_all(const Arguments& a, const std::vector<Variation>& all, c
                                                    .existing = replace_if(leftovers || attempt == again),
                                                    .realtime = a.realtime,
                                                    .stop = &interrupted(),
-                                                   .progress = [&](double share, double) { progress.set(i, share); }});
+                                                   .progress = [&](double share, double) { progress.set(i, share); },
+                                                   .now = wall_clock});
                       if (!summary) return tl::unexpected(summary.error());
                       if (summary->interrupted) return work_failed("interrupted");
                       return report_of({all[i].folder, all[i].settings, *summary}).dump();
@@ -385,7 +396,8 @@ Summary simulate(const Arguments& a, const Scenario& scenario, const fs::path& o
                      .existing = replace_if(a.force),
                      .realtime = a.realtime,
                      .stop = &interrupted(),
-                     .progress = [&](double share, double left) { progress(share, left); }};
+                     .progress = [&](double share, double left) { progress(share, left); },
+                     .now = wall_clock};
   if (feed) {
     options.sample = [&](const Twin& twin, double time_s) { feed->sample(twin, time_s); };
     options.held = [&](RunningTwin& run) { return feed->held(run); };

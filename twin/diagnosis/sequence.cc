@@ -15,48 +15,22 @@ namespace {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 constexpr double score_maximum = 8;  ///< normal scores are limited to this: beyond, probabilities underflow
 
-/// A straight line with the covariance of its coefficients.
-struct Line {
-  Eigen::Vector2d coefficients;
-  Eigen::Matrix2d covariance;
-  double at(double t) const { return coefficients(0) + coefficients(1) * t; }
-  double error(double t) const { return std::sqrt(Eigen::Vector2d(1, t).dot(covariance * Eigen::Vector2d(1, t))); }
-
-  /// When the line plus `side` times its standard error first reaches a level, from now on; none within a thousand
-  /// times the observed range.
-  std::optional<double> reaches(double level, double side, double now) const {
-    const auto missing = [&](double t) { return at(t) + side * error(t) - level; };
-    if (missing(now) >= 0) return 0;
-    const double end = now + 1000 * std::max(now, 1.0);
-    double from = now, to = now + 1;
-    for (; missing(to) < 0; to = now + 2 * (to - now)) {
-      if (to > end) return std::nullopt;
-      from = to;
-    }
-    for (int i = 0; i < 60; ++i) (missing((from + to) / 2) < 0 ? from : to) = (from + to) / 2;
-    return to - now;
+/// When the line plus `side` times its half width first reaches a level, from now on; none within a thousand times the
+/// observed range.
+std::optional<double> reaches(const Margin& m, double level, double side, double now) {
+  const auto missing = [&](double x) {
+    const Interval line = m.at(x);
+    return line.value + side * (line.high - line.value) - level;
+  };
+  if (missing(now) >= 0) return 0;
+  const double end = now + 1000 * std::max(now, 1.0);
+  double from = now, to = now + 1;
+  for (; missing(to) < 0; to = now + 2 * (to - now)) {
+    if (to > end) return std::nullopt;
+    from = to;
   }
-};
-
-std::optional<Margin> margin_of(const HealthyState& h, std::span<const Observation> observations) {
-  const auto n = static_cast<Index>(observations.size());
-  if (n < 3) return std::nullopt;
-  MatrixXd x(n, 2);
-  VectorXd y(n);
-  for (Index i = 0; i < n; ++i) {
-    x.row(i) << 1, static_cast<double>(i);
-    y(i) = equivalent_load(h, observations[static_cast<std::size_t>(i)]).load_norm;
-  }
-  const Eigen::Matrix2d inverse_gram = inverse(x.transpose() * x);
-  Line line{.coefficients = inverse_gram * x.transpose() * y};
-  const double freedom = static_cast<double>(n - 2);
-  line.covariance = inverse_gram * (y - x * line.coefficients).squaredNorm() / freedom;
-  const double t = student_t_quantile(freedom, 0.975), now = static_cast<double>(n - 1), threshold = h.wear_load();
-  const double left = threshold - line.at(now), width = t * line.error(now);
-  return Margin{.load_norm = {left, left - width, left + width},
-                .observations = line.reaches(threshold, 0, now),
-                .earliest = line.reaches(threshold, t, now),
-                .latest = line.reaches(threshold, -t, now)};
+  for (int i = 0; i < 60; ++i) (missing((from + to) / 2) < 0 ? from : to) = (from + to) / 2;
+  return to - now;
 }
 
 /// The columns of one joint. Residuals and times are not empty; temperatures are, where the file has none.
@@ -155,6 +129,38 @@ struct WindowRegressors {
 
 }  // namespace
 
+Interval Margin::at(double x) const {
+  const Eigen::Vector2d regressors(1, x);
+  const double middle = regressors.dot(line), width = quantile * std::sqrt(regressors.dot(covariance * regressors));
+  return {middle, middle - width, middle + width};
+}
+
+std::optional<Margin> margin(const HealthyState& h, std::span<const Observation> observations,
+                             std::span<const double> at) {
+  const auto n = static_cast<Index>(observations.size());
+  if (n < 3) return std::nullopt;
+  MatrixXd x(n, 2);
+  VectorXd y(n);
+  for (Index i = 0; i < n; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    x.row(i) << 1, at[k];
+    y(i) = equivalent_load(h, observations[k]).load_norm;
+  }
+  const Eigen::Matrix2d inverse_gram = inverse(x.transpose() * x);
+  const double freedom = static_cast<double>(n - 2);
+  Margin m{};
+  m.line = inverse_gram * x.transpose() * y;
+  m.covariance = inverse_gram * (y - x * m.line).squaredNorm() / freedom;
+  m.quantile = student_t_quantile(freedom, 0.975);
+  const double now = at.back(), threshold = h.wear_load();
+  const Interval last = m.at(now);
+  m.load_norm = {threshold - last.value, threshold - last.high, threshold - last.low};
+  m.observations = reaches(m, threshold, 0, now);
+  m.earliest = reaches(m, threshold, 1, now);
+  m.latest = reaches(m, threshold, -1, now);
+  return m;
+}
+
 double average_run_length(double h) {
   constexpr Index n = 100;
   const double width = 2 * h / (2 * n - 1);  // state i: sums around i width; state 0: a sum of 0
@@ -206,7 +212,9 @@ Watch watch(const HealthyState& h, std::span<const Observation> observations, do
     }
     w.steps.push_back(step);
   }
-  w.margin = margin_of(h, observations);
+  std::vector<double> numbers;
+  for (std::size_t i = 0; i < observations.size(); ++i) numbers.push_back(static_cast<double>(i));
+  w.margin = margin(h, observations, numbers);
   return w;
 }
 

@@ -46,12 +46,22 @@ struct Interval {
   double value = 0, low = 0, high = 0;  ///< 95 %
 };
 
-/// A straight line through the equivalent loads of the observations, extrapolated to the wear threshold.
+/// A straight line through the equivalent loads of the observations over their number, or over days, extrapolated to
+/// the wear threshold.
 struct Margin {
   Interval load_norm;                      ///< from the last observation to the wear threshold
-  std::optional<double> observations;      ///< until the line reaches the threshold; none where it does not rise
+  std::optional<double> observations;      ///< or days, until the line reaches it; none where it does not rise
   std::optional<double> earliest, latest;  ///< 95 % band of that; `latest`: none where the rise is not significant
+  Eigen::Vector2d line;                    ///< equivalent load at 0, and its rise
+  Eigen::Matrix2d covariance;              ///< of the line
+  double quantile;                         ///< Student's, two-sided, 95 %
+
+  Interval at(double x) const;  ///< of the line
 };
+
+/// Nothing for fewer than three observations. `at` ascends and has as many values, of which two differ.
+std::optional<Margin> margin(const HealthyState& healthy, std::span<const Observation> observations,
+                             std::span<const double> at);
 
 struct WatchStep {
   std::array<Cusum::Step, 2> region;

@@ -1,6 +1,8 @@
+#include <chrono>
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
+#include <utility>
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -14,7 +16,12 @@ namespace {
 int stdout_error = 0;  // errno of the first write to stdout that failed
 bool colour_of_stream[] = {false, false};
 bool held_back = false;
-std::string last_error;  // while held back
+std::string last_error;                                // while held back
+bool progress_shown = false;                           // the cursor stands behind the line of a Progress
+std::chrono::steady_clock::time_point progress_begun;  // of the latest; one job at a time shows any
+
+/// The first steps of a job say little about the others: until then no time left is shown.
+constexpr std::chrono::seconds settled_after{3};
 
 constexpr std::string_view red = "\033[1;31m", yellow = "\033[1;33m", cyan = "\033[1;36m", plain = "\033[0m";
 
@@ -22,6 +29,11 @@ constexpr std::string_view red = "\033[1;31m", yellow = "\033[1;33m", cyan = "\0
 std::string message(std::string_view text, std::size_t length, std::string_view colour) {
   if (!coloured(Stream::messages)) return std::string(text);
   return fmt::format("{}{}{}{}", colour, text.substr(0, length), plain, text.substr(length));
+}
+
+/// What comes next begins a line of its own.
+void erase_progress() {
+  if (std::exchange(progress_shown, false)) (void)write_all(STDERR_FILENO, "\r\033[K");
 }
 
 }  // namespace
@@ -37,6 +49,7 @@ const std::string& held_error() { return last_error; }
 
 void print_text(std::string_view text) {
   if (held_back) return;
+  erase_progress();
   if (stdout_error == 0) stdout_error = write_all(STDOUT_FILENO, text);
 }
 
@@ -62,6 +75,7 @@ bool coloured(Stream stream) { return colour_of_stream[stream == Stream::message
 
 void report_text(std::string_view text) {
   if (held_back) return;
+  erase_progress();
   for (const auto& [word, colour] :
        {std::pair<std::string_view, std::string_view>{"note:", cyan}, {"warning:", yellow}})
     if (text.starts_with(word)) {
@@ -86,19 +100,21 @@ int finish(std::string_view program, int code) {
 Progress::Progress(bool quiet, std::string what)
     : what_(std::move(what)), on_(!quiet && !held_back && ::isatty(STDERR_FILENO)) {
   if (!what_.empty()) what_ += ' ';
+  progress_begun = std::chrono::steady_clock::now();
 }
 
 Progress::~Progress() {
-  if (shown_) report_text("\r\033[K");
+  if (shown_) erase_progress();
 }
 
 void Progress::operator()(double share, double seconds_left) {
   const int percent = static_cast<int>(100 * share);
   if (!on_ || percent == last_) return;
   last_ = percent;
-  shown_ = true;
-  report_text(fmt::format("\r\033[K{}{:3d} %{}", what_, percent,
-                          seconds_left >= 0 ? fmt::format(", {:.0f} s left", seconds_left) : ""));
+  const bool known = seconds_left >= 0 && std::chrono::steady_clock::now() - progress_begun >= settled_after;
+  (void)write_all(STDERR_FILENO, fmt::format("\r\033[K{}{:3d} %{}", what_, percent,
+                                             known ? fmt::format(", {:.0f} s left", seconds_left) : ""));
+  shown_ = progress_shown = true;
 }
 
 }  // namespace tribotwin::twin

@@ -5,6 +5,14 @@
 
 namespace tribotwin::twin {
 
+CycleStart::CycleStart(const Twin& twin) {
+  for (std::size_t i = 0; i < twin.model().drives().size(); ++i) {
+    rise.push_back(twin.state(i).rise);
+    heat_J.push_back(twin.drive(i).heat_J);
+    friction_squared_sum.push_back(twin.figures(i).friction_squared_sum);
+  }
+}
+
 CycleExtrapolation::CycleExtrapolation(const Scenario& scenario, std::int64_t cycle_steps)
     : scenario_(scenario), cycle_s_(static_cast<double>(cycle_steps) * scenario.model->get()->opt.timestep) {}
 
@@ -12,13 +20,13 @@ double CycleExtrapolation::keep(std::size_t drive, std::size_t node) const {
   return std::exp(-cycle_s_ / scenario_.model->drives()[drive].drive.thermal.t_s[node]);
 }
 
-CycleMap CycleExtrapolation::map(const Twin& twin, const std::vector<thermal::Rise>& before,
-                                 const std::vector<double>& heat_J) const {
+CycleMap CycleExtrapolation::map(const Twin& twin, const CycleStart& before) const {
   CycleMap map;
-  for (std::size_t i = 0; i < before.size(); ++i) {
-    map.heat_J.push_back(twin.drive(i).heat_J - heat_J[i]);
+  for (std::size_t i = 0; i < before.rise.size(); ++i) {
+    map.heat_J.push_back(twin.drive(i).heat_J - before.heat_J[i]);
+    map.friction_squared_sum.push_back(twin.figures(i).friction_squared_sum - before.friction_squared_sum[i]);
     auto& input = map.input.emplace_back();
-    for (std::size_t n = 0; n < 2; ++n) input[n] = twin.state(i).rise.node_K[n] - keep(i, n) * before[i].node_K[n];
+    for (std::size_t n = 0; n < 2; ++n) input[n] = twin.state(i).rise.node_K[n] - keep(i, n) * before.rise[i].node_K[n];
   }
   return map;
 }

@@ -10,20 +10,29 @@
 /// Multi-rate simulation. One work cycle, computed in full, is an affine map of each thermal node: rise' = keep rise +
 /// input, where `input` depends on the temperature only slowly. Cycles ahead follow from that map in closed form until
 /// they would leave the tolerance. Then the next cycle is computed in full, and the skipped cycles between are
-/// corrected with the interpolated input (trapezoid). The heat of a skipped cycle is interpolated and added likewise.
+/// corrected with the interpolated input (trapezoid). Heat and squared friction of a skipped cycle are interpolated and
+/// added likewise, so that sums over a run do not depend on which cycles were computed.
 namespace tribotwin::twin {
 
 struct CycleMap {
   std::vector<std::array<double, 2>> input;  ///< per drive and thermal node [K]
   std::vector<double> heat_J;                ///< per drive
+  std::vector<double> friction_squared_sum;  ///< per drive, over the cycle's steps
+};
+
+/// What a twin has summed up so far, per drive.
+struct CycleStart {
+  explicit CycleStart(const Twin& twin);
+  std::vector<thermal::Rise> rise;
+  std::vector<double> heat_J, friction_squared_sum;
 };
 
 class CycleExtrapolation {
  public:
   CycleExtrapolation(const Scenario& scenario, std::int64_t cycle_steps);
 
-  /// The map of the cycle that led from the rises and heats `before` to the twin's state.
-  CycleMap map(const Twin& twin, const std::vector<thermal::Rise>& before, const std::vector<double>& heat_J) const;
+  /// The map of the cycle that led from `before` to the twin's state.
+  CycleMap map(const Twin& twin, const CycleStart& before) const;
 
   /// Rise of a drive after each of `count` cycles from `rise`; its input changes linearly from that of `from` to that
   /// of `to`, which is `span` cycles ahead. Calls `each` with number and rise.

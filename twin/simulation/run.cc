@@ -3,6 +3,7 @@
 #include <cmath>
 #include <thread>
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include <tribotwin/twin/control/loop.hpp>
@@ -65,6 +66,7 @@ class Runner : RunningTwin {
   Summary summary() {
     Summary s = summarize(twin_, seconds_since(started_), recorder_ ? predicted_bytes(scenario_) : 0);
     s.interrupted = twin_.steps() < total_;
+    if (options_.now) s.finished_at = fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(options_.now()));
     if (s.interrupted && recorder_ && !recorder_->replaced().empty())
       s.warnings.push_back(kept_in(recorder_->replaced()));
     if (skipped_cycles_ > 0)
@@ -186,14 +188,9 @@ class Runner : RunningTwin {
   }
 
   Result<CycleMap> compute_cycle() {
-    std::vector<thermal::Rise> before;
-    std::vector<double> heat_J;
-    for (std::size_t i = 0; i < drives_; ++i) {
-      before.push_back(twin_.state(i).rise);
-      heat_J.push_back(twin_.drive(i).heat_J);
-    }
+    const CycleStart before(twin_);
     if (auto ok = run_steps(std::min(total_, twin_.steps() + cycle_)); !ok) return tl::unexpected(ok.error());
-    return extrapolation_.map(twin_, before, heat_J);
+    return extrapolation_.map(twin_, before);
   }
 
   /// Cycles that were skipped, and the rises of the drives in them.
@@ -210,7 +207,8 @@ class Runner : RunningTwin {
       skipped.start.push_back(twin_.state(i).rise);
       skipped.predicted.push_back(extrapolation_.ahead(i, skipped.start[i], map, map, count, 1, {}));
     }
-    twin_.skip(count * cycle_, skipped.predicted, std::vector<double>(drives_));  // correct() books the heat
+    const std::vector<double> later(drives_);  // correct() books them
+    twin_.skip(count * cycle_, skipped.predicted, later, later);
     return skipped;
   }
 
@@ -218,7 +216,7 @@ class Runner : RunningTwin {
   void correct(Skipped& skipped, const CycleMap& map, const CycleMap& next) {
     const std::int64_t count = skipped.count;
     std::vector<thermal::Rise> corrected(drives_);
-    std::vector<double> heat_J(drives_);
+    std::vector<double> heat_J(drives_), squares(drives_);
     for (std::size_t i = 0; i < drives_; ++i) {
       auto& path = skipped.path.emplace_back(static_cast<std::size_t>(count), skipped.start[i]);
       const thermal::Rise end = extrapolation_.ahead(
@@ -232,9 +230,12 @@ class Runner : RunningTwin {
         correction += shift;
       }
       largest_correction_K_ = std::max(largest_correction_K_, std::abs(correction));
-      for (std::int64_t c = 1; c <= count; ++c) heat_J[i] += skipped_heat_J(map, next, i, c, count);
+      for (std::int64_t c = 1; c <= count; ++c) {
+        heat_J[i] += between(map.heat_J[i], next.heat_J[i], c, count);
+        squares[i] += between(map.friction_squared_sum[i], next.friction_squared_sum[i], c, count);
+      }
     }
-    twin_.skip(0, corrected, heat_J);
+    twin_.skip(0, corrected, heat_J, squares);
     skipped_cycles_ += count;
   }
 
@@ -243,17 +244,17 @@ class Runner : RunningTwin {
       const auto sample = [&](std::size_t i) {
         return CycleSample{scenario_.model->drives()[i].drive.thermal.T_amb_degC +
                                skipped.path[i][static_cast<std::size_t>(c - 1)].total_K(),
-                           skipped_heat_J(map, next, i, c, skipped.count) / cycle_s()};
+                           between(map.heat_J[i], next.heat_J[i], c, skipped.count) / cycle_s()};
       };
       if (auto ok = record_cycle(skipped.start_s + static_cast<double>(c) * cycle_s(), sample); !ok) return ok;
     }
     return {};
   }
 
-  static double skipped_heat_J(const CycleMap& from, const CycleMap& to, std::size_t i, std::int64_t c,
-                               std::int64_t count) {
+  /// Of skipped cycle `c` of `count`.
+  static double between(double from, double to, std::int64_t c, std::int64_t count) {
     const double w = static_cast<double>(c) / static_cast<double>(count + 1);
-    return (1 - w) * from.heat_J[i] + w * to.heat_J[i];
+    return (1 - w) * from + w * to;
   }
 
   /// One computed cycle, and with multi-rate those that follow from it.

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <atomic>
+#include <ctime>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -33,6 +34,7 @@ struct RunOptions {
   std::function<void(double time_s, std::span<const CycleSample>)> cycle;
   /// Asked before each step: true makes it wait, and is asked again. Time that it waited does not count.
   std::function<bool(RunningTwin&)> held;
+  std::function<std::time_t()> now;  ///< the clock of the summary's date; without it there is no date
 };
 
 /// Runs a scenario to its end. With a directory: telemetry.h5 grows during the run; summary.json is written last and

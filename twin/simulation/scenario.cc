@@ -19,11 +19,30 @@ namespace fs = std::filesystem;
 constexpr double max_period_steps = 1e7;  ///< of a wave, whose loop is kept step by step
 
 /// Every key of a scenario. `vary` belongs to `tribotwin run`, which makes settings of it.
-constexpr std::string_view keys[] = {
-    "name",       "description",       "seed",      "timestep_s", "integrator",   "solver",           "model",
-    "duration_s", "telemetry_rate_hz", "keyframe",  "start_rad",  "ambient_degC", "temperature_degC", "motion",
-    "control",    "actuators",         "multirate", "events",     "baseline",     "expects",          "vary",
-    "drives"};
+constexpr std::string_view keys[] = {"name",
+                                     "description",
+                                     "seed",
+                                     "timestep_s",
+                                     "integrator",
+                                     "solver",
+                                     "model",
+                                     "duration_s",
+                                     "telemetry_rate_hz",
+                                     "keyframe",
+                                     "start_rad",
+                                     "ambient_degC",
+                                     "temperature_degC",
+                                     "motion",
+                                     "control",
+                                     "actuators",
+                                     "multirate",
+                                     "events",
+                                     "baseline",
+                                     "expects",
+                                     "vary",
+                                     "drives",
+                                     "robot",
+                                     "serial_number"};
 
 mujoco::Options engine_options(Mapping& in) {
   mujoco::Options options;
@@ -202,6 +221,7 @@ Scenario read_scenario(const fs::path& file, const std::vector<std::string>& set
   s.name = in.file_name_or("name", file.stem().string());
   root["name"] = s.name;
   s.description = in.text_or("description", "");
+  for (const char* key : {"robot", "serial_number"}) (void)in.text_or(key, "");  // for people: pages show them
   s.seed = in.whole_or("seed", 1, {0, 9007199254740992.0});
   const mujoco::Options options = engine_options(in);
   read_model(in, s, folder, root, options);

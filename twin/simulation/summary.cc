@@ -43,8 +43,8 @@ Summary summarize(const Twin& twin, double wall_s, double record_bytes) {
     s.joints.push_back({.name = joint_name(twin.model().get(), drives[i]),
                         .temperature_degC = {twin.scenario().temperature_degC[i], twin.temperature_degC(i),
                                              std::max(f.temperature_max_degC, twin.temperature_degC(i))},
-                        .friction_nm = {std::sqrt(f.friction_squared_sum / static_cast<double>(std::max<std::int64_t>(
-                                                                               1, twin.steps_computed()))),
+                        .friction_nm = {std::sqrt(f.friction_squared_sum /
+                                                  static_cast<double>(std::max<std::int64_t>(1, twin.steps()))),
                                         f.friction_max_nm},
                         .load_max_norm = f.load_max_norm,
                         .clamped_samples = static_cast<std::int64_t>(d.steps_outside),
@@ -117,6 +117,7 @@ std::string summary_json(const Summary& s) {
   json["health"] = health_json(s);
   json["warnings"] = all_warnings(s);
   add_transmissions(json, s);
+  if (!s.finished_at.empty()) json["finished_at"] = s.finished_at;
   if (s.comparison)
     json["comparison"] = {{"mae_mrad", s.comparison->mae_mrad}, {"baseline_mae_mrad", s.comparison->baseline_mae_mrad}};
   return json.dump(2) + "\n";

@@ -59,7 +59,8 @@ struct Summary {
   std::optional<Comparison> comparison;
   std::vector<TrackingSummary> tracking;
   std::vector<LoopSummary> loops;
-  bool interrupted = false;  ///< the run ended before the scenario did
+  std::string finished_at{};  ///< UTC, ISO 8601; empty where nobody asked the clock
+  bool interrupted = false;   ///< the run ended before the scenario did
 };
 
 /// The figures of a twin so far. `record_bytes`: predicted size of telemetry.h5, 0 where nothing is recorded.

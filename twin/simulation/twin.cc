@@ -289,13 +289,15 @@ Result<Status> Twin::step() {
   return status_;
 }
 
-void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J) {
+void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J,
+                std::span<const double> friction_squared_sum) {
   const auto drives = model_->drives();
   for (std::size_t i = 0; i < drives.size(); ++i) {
     mujoco::state(data_.get(), drives[i]).rise = rise[i];
     drive::Workspace& s = mujoco::workspace(data_.get(), drives[i]);
     s.heat_J += heat_J[i];
     s.friction_work_J += heat_J[i];
+    figures_[i].friction_squared_sum += friction_squared_sum[i];
     motor_work_J_ += heat_J[i];  // over a cycle that returns to its start, motor work equals friction work
     figures_[i].temperature_max_degC = std::max(figures_[i].temperature_max_degC, temperature_degC(i));
   }

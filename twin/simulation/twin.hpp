@@ -18,7 +18,7 @@ enum class Status {
   finished,  ///< the scenario's duration is over: nothing was computed
 };
 
-/// Statistics of one joint since the start of the run.
+/// Statistics of one joint since the start of the run; the sum is over all steps, skipped ones included.
 struct JointFigures {
   double temperature_max_degC = -1e9;
   double friction_squared_sum = 0, friction_max_nm = 0;
@@ -102,8 +102,10 @@ class Twin {
   /// Time of the next event that changes something [s]; infinite when there is none.
   double next_event_s() const;
   /// Advances simulated time by `steps` time steps without computing them. The drives receive the given heat [J] and
-  /// reach the given temperature rise; the mechanical state stays. For motions that repeat.
-  void skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J);
+  /// sum of squared friction, and reach the given temperature rise; the mechanical state stays. For motions that
+  /// repeat.
+  void skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J,
+            std::span<const double> friction_squared_sum);
 
  private:
   void set_start_state();

@@ -6,6 +6,8 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/report/run/comparison.hpp>
+#include <tribotwin/render/report/run/cycles.hpp>
+#include <tribotwin/render/report/run/differences.hpp>
 #include <tribotwin/render/report/run/histories.hpp>
 #include <tribotwin/render/report/run/run_summary.hpp>
 #include <tribotwin/render/report/run/traces.hpp>
@@ -16,88 +18,183 @@ namespace {
 
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
-/// Removes the columns, but the first, that no run has a value for.
-void remove_unknown(std::vector<std::string>& head, std::vector<std::vector<std::string>>& rows) {
-  for (std::size_t column = head.size(); column-- > 1;) {
-    const auto at = static_cast<std::ptrdiff_t>(column);
-    if (!std::ranges::all_of(rows, [column](const auto& row) { return row[column] == "–"; })) continue;
-    head.erase(head.begin() + at);
-    for (auto& row : rows) row.erase(row.begin() + at);
-  }
-}
-
 std::string unit_of_all(const Runs& runs) {
   std::vector<JointHistory> all;
   for (const auto& run : runs.all) all.insert(all.end(), run->joints.begin(), run->joints.end());
   return force_unit(all, [](const JointHistory&) { return true; });
 }
 
-void add_table(IllustratedPage& page, const Runs& runs) {
-  const std::string unit = unit_of_all(runs);
-  std::vector<std::string> head{"run",
-                                "simulated [s]",
-                                "warmest joint",
-                                "maximum temperature [°C]",
-                                "friction work [kJ]",
-                                "motor work [kJ]",
-                                fmt::format("maximum friction [{}]", unit),
-                                "maximum load [-]",
-                                "error against recording [mrad]",
-                                "engine",
-                                "seed"};
+/// A row with the value of every run and, of two runs, how the second differs.
+void add_row(std::vector<std::vector<std::string>>& rows, const Runs& runs, const std::string& what,
+             const std::string& unit, const char* format, auto value) {
+  std::vector<double> values;
+  for (const auto& run : runs.all) values.push_back(value(*run));
+  if (std::ranges::none_of(values, [](double v) { return std::isfinite(v); })) return;
+  std::vector<std::string> row{unit.empty() ? what : fmt::format("{} [{}]", what, unit)};
+  for (const double v : values) row.push_back(shown(v, format));
+  if (values.size() == 2)
+    row.push_back(std::isfinite(values[0] + values[1]) ? change_text(values[0], values[1], unit) : "–");
+  rows.push_back(std::move(row));
+}
+
+/// Values of one joint or, where it is empty, the maximum over all.
+double of_joints(const RunData& run, const std::string& name, double JointSummary::*value) {
+  double all = unknown;
+  for (const JointSummary& j : joint_summaries(run))
+    if (name.empty() || j.name == name) all = std::fmax(all, j.*value);
+  return all;
+}
+
+void add_results(IllustratedPage& page, const Runs& runs) {
+  std::vector<std::string> head{"result"};
+  for (const auto& run : runs.all) head.push_back(runs.label(*run));
+  if (runs.all.size() == 2) head.emplace_back("difference");
   std::vector<std::vector<std::string>> rows;
-  for (const auto& r : runs.all) {
-    const auto joints = joint_summaries(*r);
-    const auto* hot = warmest(joints);
-    double nm = unknown, load = unknown;
-    for (const auto& j : joints) nm = std::fmax(nm, j.friction_max_nm), load = std::fmax(load, j.load_max);
-    rows.push_back({runs.label(*r), shown(simulated_s(*r), "{:.1f}"), hot ? hot->name : "",
-                    hot ? shown(hot->max_degC, "{:.2f}") : "",
-                    shown(number(r->summary, {"friction_work_J"}) / 1e3, "{:.5g}"),
-                    shown(number(r->summary, {"motor_work_J"}) / 1e3, "{:.5g}"), shown(nm, "{:.4g}"),
-                    shown(load, "{:.3f}"), shown(number(r->summary, {"comparison", "mae_mrad"}), "{:.1f}"),
-                    "MuJoCo " + r->attribute("engine_version"), r->attribute("seed")});
+  add_row(rows, runs, "simulated", "s", "{:.1f}", [](const RunData& r) { return simulated_s(r); });
+  for (const auto& joint : runs.all.front()->joints) {
+    if (!joint.moved) continue;
+    const std::string unit = joint.slide ? "N" : "Nm";
+    add_row(rows, runs, joint.name + ": friction, RMS", unit, "{:.4g}",
+            [&](const RunData& r) { return of_joints(r, joint.name, &JointSummary::friction_rms_nm); });
+    add_row(rows, runs, joint.name + ": maximum temperature", "°C", "{:.2f}",
+            [&](const RunData& r) { return of_joints(r, joint.name, &JointSummary::max_degC); });
   }
-  remove_unknown(head, rows);
+  for (const auto& [what, key] : {std::pair{"friction work", "friction_work_J"}, {"motor work", "motor_work_J"}})
+    add_row(rows, runs, what, "kJ", "{:.5g}", [&](const RunData& r) { return number(r.summary, {key}) / 1e3; });
+  add_row(rows, runs, "maximum load", "", "{:.3f}",
+          [](const RunData& r) { return of_joints(r, "", &JointSummary::load_max); });
+  add_row(rows, runs, "error against recording", "mrad", "{:.1f}", [](const RunData& r) {
+    return number(r.summary, {"comparison", "mae_mrad"});
+  });
+  page.add_table(page.body(), head, rows);
+  page.add(page.body(), "p",
+           fmt::format("Simulations have no noise: a difference above {:g} %, which multi-rate runs may leave, is one.",
+                       100 * resolved_share),
+           "soft");
+}
+
+void add_differing_keys(IllustratedPage& page, const Runs& runs) {
+  page.add(page.body(), "h3", "What was asked for");
+  const auto keys = differing_keys(runs.all);
+  if (keys.empty()) {
+    page.add(page.body(), "p", "The scenarios are the same.");
+    return;
+  }
+  std::vector<std::string> head{"key"};
+  for (const auto& run : runs.all) head.push_back(runs.label(*run));
+  std::vector<std::vector<std::string>> rows;
+  for (const auto& key : keys) {
+    rows.push_back({key.key});
+    rows.back().insert(rows.back().end(), key.values.begin(), key.values.end());
+  }
   page.add_table(page.body(), head, rows);
 }
 
-/// A curve of the warmest joint of each run that `trace` has values for.
-std::optional<Drawing> of_warmest(const Runs& runs, const Axis& axis, std::string caption, auto trace) {
+/// The joint whose friction differs most, else the warmest of the first run.
+std::string watched_joint(const Runs& runs) {
+  const auto changes = friction_changes(runs.all);
+  if (const auto* most = largest(changes); most && std::abs(most->share()) > resolved_share) return most->joint;
+  const auto joints = joint_summaries(*runs.all.front());
+  const auto* hot = warmest(joints);
+  return hot ? hot->name : "";
+}
+
+/// A curve of the watched joint in each run that `trace` has values for.
+std::vector<Trace> of_runs(const Runs& runs, auto trace) {
+  const std::string name = watched_joint(runs);
   std::vector<Trace> traces;
-  for (const auto& r : runs.all) {
-    const auto joints = joint_summaries(*r);
-    const auto* hot = warmest(joints);
-    for (const auto& j : r->joints)
-      if (hot && j.name == hot->name)
-        if (std::optional<Trace> t = trace(runs.label(*r) + ", " + j.name, *r, j); t && any_finite(*t))
-          traces.push_back(std::move(*t));
+  for (std::size_t i = 0; i < runs.all.size(); ++i)
+    for (const auto& j : runs.all[i]->joints)
+      if (j.name == name && !runs.all[i]->record.time_s.empty())
+        if (Trace t = trace(runs.label(*runs.all[i]), *runs.all[i], j); any_finite(t)) {
+          t.stroke = i;
+          traces.push_back(std::move(t));
+        }
+  return traces;
+}
+
+/// The others minus the first, at the times of the others.
+std::vector<Trace> differences(const std::vector<Trace>& traces) {
+  std::vector<Trace> all;
+  const Trace& first = traces.front();
+  for (std::size_t r = 1; r < traces.size(); ++r) {
+    Trace d{traces[r].label + " − " + first.label, {}, {}, traces[r].stroke};
+    for (std::size_t i = 0, k = 0; i < traces[r].time_s.size(); ++i) {
+      const double t = traces[r].time_s[i];
+      while (k + 1 < first.time_s.size() && first.time_s[k + 1] < t) ++k;
+      if (k + 1 >= first.time_s.size() || t < first.time_s[k]) continue;
+      const double w = (t - first.time_s[k]) / (first.time_s[k + 1] - first.time_s[k]);
+      d.time_s.push_back(t);
+      d.values.push_back(traces[r].values[i] - ((1 - w) * first.values[k] + w * first.values[k + 1]));
+    }
+    if (any_finite(d)) all.push_back(std::move(d));
   }
+  return all;
+}
+
+std::vector<Trace> temperatures(const Runs& runs) {
+  return of_runs(runs, [](std::string label, const RunData& run, const JointHistory& j) {
+    return lubricant_temperature(std::move(label), run, j);
+  });
+}
+
+/// Power of work cycles where all runs have them, which no choice of samples can distort; else root mean squares.
+bool compares_power(const Runs& runs) {
+  return std::ranges::all_of(runs.all, [](const auto& run) { return has_cycles(*run); });
+}
+
+std::vector<Trace> frictions(const Runs& runs) {
+  const bool power = compares_power(runs);
+  return of_runs(runs, [power](std::string label, const RunData& run, const JointHistory& j) {
+    return power ? friction_power(std::move(label), run, j) : friction_rms(std::move(label), run, j);
+  });
+}
+
+Axis friction_axis(const Runs& runs) {
+  if (compares_power(runs)) return {.quantity = "friction power", .symbol = "{/:Italic P}", .unit = "W"};
+  return {.quantity = "friction, RMS", .symbol = "{/:Italic τ}_f", .unit = unit_of_all(runs)};
+}
+
+std::string friction_caption(const Runs& runs) {
+  return compares_power(runs) ? "mean friction power of each work cycle"
+                              : "friction, " + friction_rms_caption(*runs.all.front());
+}
+
+std::optional<Drawing> drawn(const Axis& axis, const std::vector<Trace>& traces, std::string caption) {
   if (traces.empty()) return std::nullopt;
   return Drawing{history("", axis, traces), std::move(caption)};
 }
 
 std::optional<Drawing> temperature(const Runs& runs) {
-  return of_warmest(runs, lubricant_temperature(), "The warmest joint of each run.",
-                    [](std::string label, const RunData& run, const JointHistory& j) -> std::optional<Trace> {
-                      return envelope(std::move(label), run.record.time_s, j.temperature_degC);
-                    });
+  return drawn(lubricant_temperature(), temperatures(runs), fmt::format("{} in each run.", watched_joint(runs)));
+}
+
+std::optional<Drawing> temperature_difference(const Runs& runs) {
+  const auto all = temperatures(runs);
+  if (all.size() < 2) return std::nullopt;
+  return drawn({.quantity = "difference of temperature", .unit = "K"}, differences(all),
+               fmt::format("{}: each run minus the first.", watched_joint(runs)));
 }
 
 std::optional<Drawing> friction(const Runs& runs) {
-  return of_warmest(runs, {.quantity = "friction, RMS", .symbol = "{/:Italic τ}_f", .unit = unit_of_all(runs)},
-                    "The same joints: friction, root mean square over 1/200 of the run.",
-                    [](std::string label, const RunData& run, const JointHistory& j) -> std::optional<Trace> {
-                      const auto& time = run.record.time_s;
-                      const double window_s = (time.back() - time.front()) / 200;
-                      if (!(window_s > 0)) return std::nullopt;
-                      return rms_trace(std::move(label), time, j.friction_nm, window_s);
-                    });
+  return drawn(friction_axis(runs), frictions(runs),
+               fmt::format("{}: {}.", watched_joint(runs), friction_caption(runs)));
+}
+
+std::optional<Drawing> friction_difference(const Runs& runs) {
+  const auto all = frictions(runs);
+  if (all.size() < 2) return std::nullopt;
+  Axis axis = friction_axis(runs);
+  axis.quantity = "difference of " + axis.quantity;
+  axis.symbol = "";
+  return drawn(axis, differences(all), fmt::format("{}: each run minus the first.", watched_joint(runs)));
 }
 
 constexpr FigureRow<Runs> table[] = {
-    {"compared_temperature", "Warmest joints", temperature},
-    {"compared_friction", "Friction of the warmest joints", friction},
+    {"compared_friction", "Friction", friction},
+    {"friction_difference", "Difference of friction", friction_difference},
+    {"compared_temperature", "Temperature", temperature},
+    {"temperature_difference", "Difference of temperature", temperature_difference},
 };
 
 /// Loops and tracking errors of all runs that have a transmission.
@@ -156,15 +253,23 @@ std::string Runs::title() const {
 }
 
 std::string Runs::label(const RunData& run) const {
-  const auto alike = std::ranges::count_if(all, [&](const auto& r) { return r->name == run.name; });
-  return alike > 1 ? fmt::format("{} ({})", run.name, run.directory.string()) : run.name;
+  const auto alike = [&](auto name_of) {
+    return std::ranges::count_if(all, [&](const auto& r) { return name_of(*r) == name_of(run); }) > 1;
+  };
+  const auto name = [](const RunData& r) { return r.name; };
+  const auto folder = [](const RunData& r) { return (r.directory / "").parent_path().filename().string(); };
+  if (!alike(name)) return run.name;
+  if (!alike(folder)) return folder(run);
+  return run.directory.lexically_normal().string();
 }
 
 Result<void> add_comparison(IllustratedPage& page, const Runs& runs) {
   page.add(page.body(), "h2", "Compared");
-  add_table(page, runs);
+  add_differing_keys(page, runs);
+  page.add(page.body(), "h3", "What came of it");
   auto grid = page.add(page.body(), "div", {}, "figures");
   if (auto ok = show_table(page, grid, table, {}, runs); !ok) return ok;
+  add_results(page, runs);
   return add_transmissions(page, runs);
 }
 

@@ -15,11 +15,12 @@ struct Runs {
 
   /// The scenario where all have one, and how many there are; the name of a single one.
   std::string title() const;
-  /// The run's name, with its folder where names are alike.
+  /// What names it among the others: its name, its folder, or its whole path.
   std::string label(const RunData& run) const;
 };
 
-/// Adds a table and figures that show the runs beside each other. Fails where they cannot be drawn.
+/// Adds what differs: keys, results, and figures of the joint whose friction differs most, with their differences.
+/// Fails where they cannot be drawn.
 Result<void> add_comparison(IllustratedPage& page, const Runs& runs);
 
 }  // namespace tribotwin::render

@@ -13,7 +13,7 @@ namespace {
 using twin::Finding;
 using twin::Verdict;
 
-constexpr std::string_view starting_points_check = "starting_points";
+constexpr std::string_view starting_points_check = "starting_points", law_range_check = "law_range";
 
 Verdict verdict_of(const std::string& text) {
   for (const Verdict v : {Verdict::note, Verdict::expected, Verdict::warning})
@@ -67,31 +67,50 @@ std::size_t starting_points(const RunData& run) {
       findings_of(run), [](const Finding& f) { return f.check == starting_points_check && f.verdict != Verdict::ok; }));
 }
 
-void add_verdict(pugi::xml_node to, const RunData& run) {
-  if (!run.damage.empty()) Page::add(to, "p", "The record of this run is damaged.", "verdict bad");
+std::vector<Warning> warnings(const RunData& run) {
   const auto findings = findings_of(run);
-  if (findings.empty()) return;
-  const auto lines = twin::health_lines(findings);
-  const bool guessed = starting_points(run) > 0;
-  if (twin::as_asked(findings))
-    Page::add(to, "p",
-              fmt::format("The run is what its scenario asked for: none of {} checks warns.{}",
-                          worst_of(findings).size(), guessed ? " But friction and heat of its model are guesses." : ""),
-              !run.damage.empty() ? "soft"
-              : guessed           ? "verdict"
-                                  : "verdict good");
-  else
-    Page::add(to, "p", "The run is not what its scenario asked for.", "verdict bad");
+  std::vector<Warning> all;
+  for (const Finding* f : worst_of(findings))
+    if (f->verdict == Verdict::warning) all.push_back({f->check, f->joint, f->remedy});
+  return all;
+}
+
+std::string joints_outside_law(const RunData& run) {
+  std::string all;
+  for (const Finding& f : findings_of(run)) {
+    const auto joint = std::ranges::find(run.joints, f.joint, &JointHistory::name);
+    if (f.check == law_range_check && f.verdict != Verdict::ok && joint != run.joints.end() && joint->moved)
+      all += (all.empty() ? "" : ", ") + f.joint;
+  }
+  return all;
+}
+
+std::string as_asked_text(const RunData& run) {
+  const auto findings = findings_of(run);
+  if (findings.empty()) return "nothing is known of the run's health without a summary.";
+  const auto checks = worst_of(findings);
+  const auto warn = std::ranges::count(checks, Verdict::warning, &Finding::verdict);
+  return warn ? fmt::format("The run is not what its scenario asked for: {} of {} checks warn{}.", warn, checks.size(),
+                            warn == 1 ? "s" : "")
+              : fmt::format("The run is what its scenario asked for: none of {} checks warns.", checks.size());
+}
+
+void add_warnings(pugi::xml_node to, const RunData& run) {
   pugi::xml_node box;
-  for (const auto& line : lines) {
+  for (const auto& line : twin::health_lines(findings_of(run))) {
     if (line.verdict != Verdict::warning && line.check != starting_points_check) continue;
     if (!box) box = Page::add(to, "div", {}, "notice");
     auto paragraph = Page::add(box, "p");
     Page::add(paragraph, "strong", line.check);
     paragraph.append_child(pugi::node_pcdata).set_value((" " + line.text).c_str());
   }
-  for (const auto& line : lines)
-    if (line.verdict == Verdict::note && line.check != starting_points_check) Page::add(to, "p", line.text, "soft");
+}
+
+std::vector<std::string> health_notes(const RunData& run) {
+  std::vector<std::string> notes;
+  for (const auto& line : twin::health_lines(findings_of(run)))
+    if (line.verdict == Verdict::note && line.check != starting_points_check) notes.push_back(line.text);
+  return notes;
 }
 
 void add_health_table(pugi::xml_node to, const RunData& run) {

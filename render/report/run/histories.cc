@@ -1,93 +1,39 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include <fmt/format.h>
 
+#include <tribotwin/render/report/run/cycles.hpp>
 #include <tribotwin/render/report/run/histories.hpp>
 #include <tribotwin/render/report/run/traces.hpp>
 #include <tribotwin/render/theme/theme.hpp>
-#include <tribotwin/twin/numerics/median.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::render {
 
 namespace {
 
+constexpr std::size_t edge_stroke = 5;  ///< of the edges of laws: grey
+
 std::string friction_name(const std::string& unit) { return unit == "Nm" ? "friction torque" : "friction"; }
-
-/// Whether the run is multi-rate and has values of every work cycle.
-bool has_cycles(const RunData& run) { return run.record.cycle_time_s.size() > 1; }
-
-/// A value of every work cycle; empty where the record does not have it.
-std::span<const double> cycle_channel(const RunData& run, std::size_t joint, std::string_view name) {
-  const auto& channels = run.record.cycle_channels;
-  for (std::size_t c = 0; c < channels.size(); ++c)
-    if (channels[c].name == name) return run.record.cycle_values[joint][c];
-  return {};
-}
 
 /// The curves that `trace` makes of the joints, without those that have no finite value.
 std::vector<Trace> of_joints(const RunData& run, auto trace) {
   std::vector<Trace> traces;
   for (std::size_t i = 0; i < run.joints.size(); ++i)
-    if (std::optional<Trace> t = trace(i, run.joints[i]); t && any_finite(*t)) traces.push_back(std::move(*t));
+    if (std::optional<Trace> t = trace(i, run.joints[i]); t && any_finite(*t)) {
+      t->stroke = i;  // a joint has the same colour in all figures
+      traces.push_back(std::move(*t));
+    }
   return traces;
 }
 
 std::optional<Drawing> drawing(const Axis& axis, const std::vector<Trace>& traces, std::string caption) {
   if (traces.empty()) return std::nullopt;
   return Drawing{history("", axis, traces), std::move(caption)};
-}
-
-std::optional<Drawing> temperature(const RunData& run) {
-  const auto& r = run.record;
-  const auto traces = of_joints(run, [&](std::size_t i, const JointHistory& j) -> std::optional<Trace> {
-    return has_cycles(run) ? envelope(j.name, r.cycle_time_s, cycle_channel(run, i, "cycle_temperature_degC"))
-                           : envelope(j.name, r.time_s, j.temperature_degC);
-  });
-  return drawing(lubricant_temperature(), traces, "Lubricant temperature of each joint.");
-}
-
-std::optional<Drawing> friction_power(const RunData& run) {
-  if (!has_cycles(run)) return std::nullopt;
-  const auto traces = of_joints(run, [&](std::size_t i, const JointHistory& j) -> std::optional<Trace> {
-    if (!j.moved) return std::nullopt;
-    return envelope(j.name, run.record.cycle_time_s, cycle_channel(run, i, "cycle_friction_power_W"));
-  });
-  return drawing({.quantity = "friction power", .symbol = "{/:Italic P}", .unit = "W"}, traces,
-                 "Mean friction power of each work cycle, for the joints that moved.");
-}
-
-std::optional<Drawing> friction_torque(const RunData& run) {
-  if (has_cycles(run)) return std::nullopt;
-  const auto& time = run.record.time_s;
-  const double window_s = (time.back() - time.front()) / 300;
-  const auto traces = of_joints(run, [&](std::size_t, const JointHistory& j) -> std::optional<Trace> {
-    if (!j.moved) return std::nullopt;
-    return window_s > 0 ? rms_trace(j.name, time, j.friction_nm, window_s) : envelope(j.name, time, j.friction_nm);
-  });
-  const std::string unit = force_unit(run.joints, [](const JointHistory& j) { return j.moved; });
-  return drawing({.quantity = friction_name(unit) + ", RMS", .symbol = "{/:Italic τ}_f", .unit = unit}, traces,
-                 fmt::format("Friction, root mean square over {}, for the joints that moved.", duration(window_s)));
-}
-
-using Stretch = std::pair<std::size_t, std::size_t>;  // first sample, and the one after the last
-
-/// Spans of samples without a gap in time: the work cycles that a multi-rate run computed.
-std::vector<Stretch> stretches(std::span<const double> time) {
-  std::vector<Stretch> out;
-  if (time.size() < 3) return out;
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
-  const double usual = twin::identification::median_of(std::move(steps));
-  std::size_t begin = 0;
-  for (std::size_t i = 1; i <= time.size(); ++i)
-    if (i == time.size() || time[i] - time[i - 1] > 1.5 * usual) {
-      if (i - begin > 2) out.emplace_back(begin, i);
-      begin = i;
-    }
-  return out;
 }
 
 /// The joint whose temperature rose most, by more than 1 K.
@@ -100,19 +46,97 @@ const JointHistory* most_warmed(const RunData& run) {
   return best;
 }
 
+/// The edge of a law's range that a joint's temperature crosses, and when.
+struct Crossing {
+  const JointHistory* joint;
+  double edge_degC, time_s;
+};
+
+/// Of the joint that warms most: below the edge its friction is that at the edge.
+std::optional<Crossing> crossing(const RunData& run) {
+  const JointHistory* joint = most_warmed(run);
+  const auto index = joint && run.model() ? twin::find_drive(*run.model(), joint->name)
+                                          : tl::unexpected(Error("without a model no law is known"));
+  if (!index) return std::nullopt;
+  const auto& law = run.model()->drives()[*index].drive.law;
+  const double edge = law.range.temperature_min_degC;
+  if (!law.info->temperature_dependent || law.validity != friction::Validity::clamp) return std::nullopt;
+  // All values, not the curve of the figure, which has few of them.
+  const auto& record = run.record;
+  const std::span<const double> time = has_cycles(run) ? std::span(record.cycle_time_s) : std::span(record.time_s),
+                                degC = has_cycles(run) ? record.channel(joint->name, "cycle_temperature_degC")
+                                                       : joint->temperature_degC;
+  for (std::size_t i = 1; i < std::min(time.size(), degC.size()); ++i)
+    if (degC[i - 1] < edge && degC[i] >= edge)
+      return Crossing{joint, edge,
+                      time[i - 1] + (time[i] - time[i - 1]) * (edge - degC[i - 1]) / (degC[i] - degC[i - 1])};
+  return std::nullopt;
+}
+
+std::string clamped_until(const Crossing& c) {
+  return fmt::format(
+      " Dashed: below {:.0f} °C the law of {} was not measured; until {} its friction is that at {:.0f} °C.",
+      c.edge_degC, c.joint->name, duration(c.time_s), c.edge_degC);
+}
+
+/// The moment of a crossing as a vertical line through the traces.
+Trace moment_line(const Crossing& c, const std::vector<Trace>& traces) {
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  for (const Trace& t : traces)
+    for (const double v : t.values)
+      if (std::isfinite(v)) low = std::min(low, v), high = std::max(high, v);
+  return {"", {c.time_s, c.time_s}, {low, high}, edge_stroke, Mark::reference};
+}
+
+std::optional<Drawing> temperature(const RunData& run) {
+  auto traces = of_joints(
+      run, [&](std::size_t, const JointHistory& j) { return std::optional(lubricant_temperature(j.name, run, j)); });
+  std::string caption = "Lubricant temperature of each joint.";
+  if (const auto c = crossing(run); c && !traces.empty()) {
+    const double end_s = has_cycles(run) ? run.record.cycle_time_s.back() : run.record.time_s.back();
+    traces.push_back({"", {0, end_s}, {c->edge_degC, c->edge_degC}, edge_stroke, Mark::reference});
+    caption += clamped_until(*c);
+  }
+  return drawing(lubricant_temperature(), traces, std::move(caption));
+}
+
+std::optional<Drawing> friction_power_of_joints(const RunData& run) {
+  if (!has_cycles(run)) return std::nullopt;
+  auto traces = of_joints(run, [&](std::size_t, const JointHistory& j) -> std::optional<Trace> {
+    return j.moved ? std::optional(friction_power(j.name, run, j)) : std::nullopt;
+  });
+  std::string caption = "Mean friction power of each work cycle, for the joints that moved.";
+  if (const auto c = crossing(run); c && !traces.empty()) {
+    traces.push_back(moment_line(*c, traces));
+    caption += clamped_until(*c);
+  }
+  return drawing({.quantity = "friction power", .symbol = "{/:Italic P}", .unit = "W"}, traces, std::move(caption));
+}
+
+std::optional<Drawing> friction_torque(const RunData& run) {
+  if (has_cycles(run)) return std::nullopt;
+  const auto traces = of_joints(run, [&](std::size_t, const JointHistory& j) -> std::optional<Trace> {
+    return j.moved ? std::optional(friction_rms(j.name, run, j)) : std::nullopt;
+  });
+  const std::string unit = force_unit(run.joints, [](const JointHistory& j) { return j.moved; });
+  return drawing({.quantity = friction_name(unit) + ", RMS", .symbol = "{/:Italic τ}_f", .unit = unit}, traces,
+                 fmt::format("Friction of the joints that moved, {}.", friction_rms_caption(run)));
+}
+
 /// Friction over the first and the last work cycle.
 std::optional<Drawing> cold_and_warm(const RunData& run) {
   const auto& time = run.record.time_s;
-  const auto all = stretches(time);
+  const auto all = complete_cycles(run);
   const JointHistory* joint = most_warmed(run);
   if (all.size() < 2 || !joint || joint->friction_nm.empty()) return std::nullopt;
-  const auto seconds = [&](const Stretch& stretch) { return time[stretch.second - 1] - time[stretch.first]; };
-  const double length = std::min(seconds(all.front()), seconds(all.back()));
   std::vector<Trace> traces;
-  for (const auto& [begin, end] : {all.front(), all.back()}) {
-    Trace t{fmt::format("{:.1f} °C, after {}", joint->temperature_degC[begin], duration(time[begin])), {}, {}};
-    for (std::size_t i = begin; i < end && time[i] - time[begin] <= length; ++i) {
-      t.time_s.push_back(time[i] - time[begin]);
+  for (const CompleteCycle& cycle : {all.front(), all.back()}) {
+    Trace t{fmt::format("{:.1f} °C, after {}", joint->temperature_degC[cycle.begin], duration(time[cycle.begin])),
+            {},
+            {},
+            traces.size()};
+    for (std::size_t i = cycle.begin; i < cycle.end; ++i) {
+      t.time_s.push_back(time[i] - time[cycle.begin]);
       t.values.push_back(joint->friction_nm[i]);
     }
     if (any_finite(t)) traces.push_back(std::move(t));
@@ -162,7 +186,7 @@ std::optional<Drawing> recording_error_histogram(const RunData& run) {
 
 constexpr FigureRow<RunData> table[] = {
     {"temperature", "Temperature", temperature},
-    {"friction", "Friction power", friction_power},
+    {"friction", "Friction power", friction_power_of_joints},
     {"friction", "Friction torque", friction_torque},
     {"cold_and_warm", "Cold and warm", cold_and_warm},
     {"recording_error", "Recording against twin", recording_error_over_time},

@@ -90,6 +90,55 @@ std::string RunData::attribute(std::string_view key) const {
   return {};
 }
 
+namespace {
+/// A key of the scenario for people, also where the model is gone.
+std::string scenario_key(const RunData& run, const char* key) {
+  try {
+    const YAML::Node root = YAML::Load(run.scenario_text);
+    return root.IsMap() && root[key] && root[key].IsScalar() ? root[key].Scalar() : "";
+  } catch (const YAML::Exception&) {
+    return {};
+  }
+}
+}  // namespace
+
+std::string RunData::robot() const {
+  if (std::string said = scenario_key(*this, "robot"); !said.empty()) return said;
+  return model() ? std::string(model()->get()->names) : "";
+}
+
+std::string RunData::serial_number() const { return scenario_key(*this, "serial_number"); }
+
+std::string RunData::date() const {
+  const auto at = summary.is_object() ? summary.find("finished_at") : summary.end();
+  if (at == summary.end() || !at->is_string()) return {};
+  const auto said = at->get<std::string>();  // 2026-11-25T14:20:31Z
+  return said.size() >= 16 ? said.substr(0, 10) + " " + said.substr(11, 5) + " UTC" : said;
+}
+
+std::string without_folders(const std::string& text) {
+  static constexpr std::string_view ends = " \t\n\r'\"`";
+  std::string out;
+  for (std::size_t at = 0; at < text.size();) {
+    const bool begins = text[at] == '/' && (at == 0 || ends.find(text[at - 1]) != ends.npos);
+    const std::size_t end = std::min(text.find_first_of(ends, at), text.size());
+    if (!begins || end == at) {
+      out += text[at++];
+      continue;
+    }
+    const std::string path = text.substr(at, end - at);
+    const auto shipped = path.rfind("/mjcf/"), slash = path.rfind('/');
+    out += shipped != path.npos ? path.substr(shipped + 1) : path.substr(slash + 1);
+    at = end;
+  }
+  return out;
+}
+
+std::string shown_folder(const fs::path& directory) {
+  const fs::path plain = (directory / "").parent_path();
+  return plain.is_absolute() ? plain.filename().string() : plain.string();
+}
+
 Result<std::unique_ptr<RunData>> load_run(const fs::path& directory) {
   if (!fs::is_directory(directory))
     return tl::unexpected(fmt::format("{}: is no folder of a run (it must hold telemetry.h5)", directory.string()));

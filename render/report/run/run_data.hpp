@@ -28,6 +28,12 @@ struct JointHistory {
   bool moved = false;          ///< faster than a creep: 1e-3 rad/s at the joint
 };
 
+/// The text with absolute paths shortened to "mjcf/NAME" of what ships, and to names of files else: a page says nothing
+/// about the machine that made it.
+std::string without_folders(const std::string& text);
+/// The folder, without those above it where it was named absolutely.
+std::string shown_folder(const std::filesystem::path& directory);
+
 /// The unit of torques and forces of these joints: "Nm", "N" of slides, or "Nm; N of slides".
 std::string force_unit(std::span<const JointHistory> joints, const std::function<bool(const JointHistory&)>& counts);
 
@@ -45,6 +51,10 @@ struct RunData {
   std::vector<JointHistory> joints;        ///< points into `record`
 
   std::string attribute(std::string_view name) const;
+  /// What the scenario calls the robot, else the name of its model; may be empty.
+  std::string robot() const;
+  std::string serial_number() const;  ///< of the scenario; may be empty
+  std::string date() const;           ///< when the run ended: "2026-11-25 14:20 UTC"; may be empty
   const mujoco::Model* model() const { return scenario ? scenario->model.get() : nullptr; }
 };
 

@@ -9,9 +9,10 @@ Result<Report> make_run_report(std::span<const std::unique_ptr<RunData>> all, co
   IllustratedPage page(runs.title(), options.figure_files);
   page.add(page.body(), "h1", runs.title());
   if (all.size() > 1) {
-    page.add(page.body(), "p", "Several runs side by side, then each by itself.", "soft");
+    page.open(opening_of(runs, options));
     if (auto ok = add_comparison(page, runs); !ok) return tl::unexpected(ok.error());
   }
+  if (all.size() == 1) page.open(opening_of(*all[0], options));
   std::vector<std::string> notes;
   for (std::size_t i = 0; i < all.size(); ++i) {
     const auto progress = [&](double share_of_run) {

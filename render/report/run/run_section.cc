@@ -1,9 +1,10 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include <fmt/format.h>
 
-#include <tribotwin/render/pose/pose.hpp>
+#include <tribotwin/render/pose/moment.hpp>
 #include <tribotwin/render/process/child.hpp>
 #include <tribotwin/render/report/run/health.hpp>
 #include <tribotwin/render/report/run/histories.hpp>
@@ -15,12 +16,6 @@
 
 namespace tribotwin::render {
 namespace {
-
-std::string energy(double joule) {
-  for (const auto& [unit, size] : {std::pair{"MJ", 1e6}, {"kJ", 1e3}})
-    if (std::abs(joule) >= size) return fmt::format("{:.3g} {}", joule / size, unit);
-  return shown(joule, "{:.3g} J");
-}
 
 class Section {
  public:
@@ -37,9 +32,8 @@ class Section {
 
   Result<void> write(const std::string& command_line) {
     head();
-    add_verdict(to_, run_);
-    tiles();
-    for (const auto part : {&Section::poses, &Section::histories, &Section::transmissions, &Section::laws})
+    add_warnings(to_, run_);
+    for (const auto part : {&Section::histories, &Section::poses, &Section::transmissions, &Section::laws})
       if (auto ok = (this->*part)(); !ok) return ok;
     joint_table();
     add_health_table(to_, run_);
@@ -53,6 +47,13 @@ class Section {
   void head() {
     if (runs_.all.size() > 1) page_.add(to_, "h2", runs_.label(run_));
     if (!run_.settings.empty()) page_.add(to_, "p", run_.settings);
+    if (runs_.all.size() > 1) {
+      const Opening o = opening_of(run_, {});
+      page_.add(to_, "p", o.verdict);
+      page_.add(to_, "p", o.rule, "soft");
+      auto grid = page_.add(to_, "div", {}, "tiles");
+      for (const Tile& t : o.tiles) page_.tile(grid, t.name, t.value, t.more, t.kind);
+    }
     if (run_.scenario && !run_.scenario->description.empty()) page_.add(to_, "p", run_.scenario->description, "soft");
     if (run_.missing.empty()) return;
     auto box = page_.add(to_, "div", {}, "notice");
@@ -60,55 +61,6 @@ class Section {
       page_.add(box, "p", what);
       notes_.push_back(what);
     }
-  }
-
-  void tiles() {
-    auto grid = page_.add(to_, "div", {}, "tiles");
-    const double rate = number(run_.summary, {"realtime_factor"});
-    const double simulated = simulated_s(run_);
-    page_.tile(grid, "simulated", simulated > 7200 ? fmt::format("{:.2f} h", simulated / 3600) : duration(simulated),
-               std::isfinite(rate) ? fmt::format("{:.0f} x real time", rate) : "");
-    if (const auto* hot = warmest(joints_))
-      page_.tile(grid, "warmest joint", fmt::format("{:.1f} °C", hot->max_degC),
-                 fmt::format("{}, from {:.1f} °C", hot->name, hot->start_degC));
-    if (const double work = number(run_.summary, {"friction_work_J"}); std::isfinite(work))
-      page_.tile(grid, "friction loss", energy(work),
-                 fmt::format("of {} motor work", energy(number(run_.summary, {"motor_work_J"}))));
-    load_tiles(grid);
-    if (const double mae = number(run_.summary, {"comparison", "mae_mrad"}); std::isfinite(mae))
-      page_.tile(grid, "error against the recording", fmt::format("{:.1f} mrad", mae),
-                 fmt::format("native friction: {} mrad",
-                             shown(number(run_.summary, {"comparison", "baseline_mae_mrad"}), "{:.1f}")));
-    if (const double left = number(run_.summary, {"energy_balance_J"}); std::isfinite(left))
-      page_.tile(grid, "energy balance", fmt::format("{:.2g} J", left), "residual of the mechanical energy");
-  }
-
-  /// The largest load, and how often a joint was outside the range of its law.
-  void load_tiles(pugi::xml_node grid) {
-    const JointSummary *loaded = nullptr, *outside = nullptr;
-    for (const auto& j : joints_) {
-      if (std::isfinite(j.load_max) && (!loaded || j.load_max > loaded->load_max)) loaded = &j;
-      const auto history = std::ranges::find(run_.joints, j.name, &JointHistory::name);
-      const bool moved = history == run_.joints.end() || history->moved;
-      if (moved && j.clamped_samples > 0 && (!outside || j.clamped_samples > outside->clamped_samples)) outside = &j;
-    }
-    if (loaded)
-      page_.tile(grid, "maximum load", fmt::format("{:.0f} %", 100 * loaded->load_max),
-                 fmt::format("of the maximum torque, {}", loaded->name));
-    const std::size_t guessed = starting_points(run_);
-    if (guessed > 0)
-      page_.tile(grid, "friction and heat", "guessed",
-                 fmt::format("of {} of {} joints: starting points of a gear class", guessed, joints_.size()), "bad");
-    const double steps = number(run_.summary, {"steps_computed"});
-    if (!(steps > 0)) return;
-    if (outside)
-      page_.tile(grid, "outside the law's range", fmt::format("{:.3g} %", 100 * outside->clamped_samples / steps),
-                 fmt::format("of the steps, {}; of the joints that moved", outside->name));
-    else
-      page_.tile(
-          grid, "outside the law's range", "never",
-          guessed > 0 ? "of the joints that moved; the range is that of a gear class" : "of the joints that moved",
-          guessed > 0 ? "" : "good");
   }
 
   /// The first and the last sample, and a contact sheet. Where the model cannot be drawn, the page says why.
@@ -128,24 +80,35 @@ class Section {
     const auto model = run_.scenario->model;
     auto painter = PosePainter::create(model, {1440, 960});
     if (!painter) return failed(painter.error().message);
-    const std::size_t end = run_.record.time_s.size() - 1;
-    for (const std::size_t index : {std::size_t{0}, end}) {
-      const PoseState state = recorded(*model, run_.record, index);
+    const Moments moments(*model, run_.record);
+    for (const bool end : {false, true}) {
+      const PoseState state = moments.at(end ? moments.end_s() : moments.begin_s());
       const auto image = painter->draw(state, look);
       if (!image) return failed(image.error().message);
-      std::string caption =
-          fmt::format("{}, at {}. Each joint's housing has the colour of its temperature.",
-                      index == end ? "The end" : "The beginning", duration(run_.record.time_s[index]));
-      if (const auto beyond = beyond_range(*model, state); !beyond.empty())
-        caption += fmt::format(" Beyond its range: {}.", beyond);
-      if (auto ok = page_.show(grid, *image, index == end ? "pose_end" : "pose_start", caption); !ok) return ok;
-      progress_(index == end ? 0.35 : 0.2);
-      if (end == 0) break;
+      if (auto ok = page_.show(grid, *image, end ? "pose_end" : "pose_start", pose_caption(state, end)); !ok) return ok;
+      progress_(end ? 0.35 : 0.2);
+      if (moments.end_s() == moments.begin_s()) break;
     }
-    const auto sheet = contact_sheet(model, run_.record, evenly_in_time(run_.record.time_s, 6), look, {480, 360});
+    const auto states = moments.evenly(6);
+    const auto sheet = contact_sheet(model, states, look, {480, 360});
     if (!sheet) return failed(sheet.error().message);
     progress_(0.5);
-    return page_.show(grid, *sheet, "poses", "Poses over the run, evenly in time.", true);
+    return page_.show(grid, *sheet, "poses", sheet_caption(states), true);
+  }
+
+  /// Says what was drawn: a housing is coloured where its temperature is known.
+  std::string pose_caption(const PoseState& state, bool end) const {
+    std::string caption = fmt::format("{}, at {}.", end ? "The end" : "The beginning", duration(*state.time_s));
+    if (std::ranges::any_of(state.joints, [](const JointState& j) { return std::isfinite(j.temperature_degC); }))
+      caption += " Each joint's housing has the colour of its temperature.";
+    if (const auto beyond = beyond_range(*run_.model(), state); !beyond.empty())
+      caption += fmt::format(" Beyond its range: {}.", beyond);
+    return caption;
+  }
+
+  static std::string sheet_caption(const std::vector<PoseState>& states) {
+    return fmt::format("{} poses over the run, evenly in time from {} to {}.", states.size(),
+                       duration(*states.front().time_s), duration(*states.back().time_s));
   }
 
   Result<void> histories() {
@@ -174,16 +137,16 @@ class Section {
 
   Result<void> laws() {
     if (!run_.model()) return {};
-    pugi::xml_node grid;
+    pugi::xml_node section, grid;
+    const auto joints_with_law = static_cast<std::size_t>(std::ranges::count_if(run_.joints, &JointHistory::moved));
     int done = 0;
     const auto count = static_cast<double>(std::ranges::count_if(run_.joints, &JointHistory::moved));
     for (const auto& j : run_.joints) {
       const auto visited = visited_law(run_, j);
       if (!visited) continue;
-      if (!grid) {
-        page_.add(to_, "h3", "Friction laws and the samples of the run");
-        grid = page_.add(to_, "div", {}, "figures");
-      }
+      if (!section) section = page_.add(to_, "h3", "Friction laws and the samples of the run");
+      const bool open = visited->warmest || joints_with_law == 1;
+      grid = page_.add(open ? to_ : page_.add_details(to_, "Law and samples of " + j.name), "div", {}, "figures");
       const FigurePrefix prefix{.name = fmt::format("joint{}_", visited->number), .title = j.name + ": "};
       if (auto ok = show_table(page_, grid, law_figures(), prefix, *visited); !ok) return ok;
       progress_(0.6 + 0.4 * ++done / count);
@@ -191,20 +154,32 @@ class Section {
     return {};
   }
 
+  /// To a thousandth of the joint's torque; what is far below it is no friction but the integrator's.
+  std::string friction(const JointSummary& j, double nm) const {
+    const auto history = std::ranges::find(run_.joints, j.name, &JointHistory::name);
+    const bool nothing = history != run_.joints.end() && std::abs(nm) < 1e-9 * history->torque_max_nm;
+    return nothing ? "0" : shown(nm, "{:.4g}");
+  }
+
   void joint_table() {
     page_.add(to_, "h3", "Joints");
-    const double steps = number(run_.summary, {"steps_computed"});
+    const double steps = number(run_.summary, {"steps_computed"}), computed_time_s = computed_s(run_);
     const std::string unit = force_unit(run_.joints, [](const JointHistory&) { return true; });
     std::vector<std::vector<std::string>> rows;
     for (const auto& j : joints_)
       rows.push_back({j.name, shown(j.start_degC, "{:.1f}"), shown(j.end_degC, "{:.1f}"), shown(j.max_degC, "{:.1f}"),
-                      shown(j.friction_rms_nm, "{:.4g}"), shown(j.friction_max_nm, "{:.4g}"),
-                      shown(j.load_max, "{:.3f}"), shown(100 * j.clamped_samples / steps, "{:.3g}"),
-                      shown(j.stuck_s, "{:.1f}")});
-    page_.add_table(to_,
-                    {"joint", "start [°C]", "end [°C]", "maximum [°C]", fmt::format("friction RMS [{}]", unit),
-                     fmt::format("friction max [{}]", unit), "load max [-]", "outside [% of steps]", "stuck [s]"},
-                    rows);
+                      friction(j, j.friction_rms_nm), friction(j, j.friction_max_nm), shown(j.load_max, "{:.3f}"),
+                      shown(100 * j.clamped_samples / steps, "{:.3g}"),
+                      shown(100 * j.stuck_s / computed_time_s, "{:.3g}")});
+    page_.add_table(
+        to_,
+        {"joint", "start [°C]", "end [°C]", "maximum [°C]", fmt::format("friction RMS [{}]", unit),
+         fmt::format("friction max [{}]", unit), "load max [-]", "outside [% of steps]", "stuck [% of time]"},
+        rows);
+    page_.add(
+        to_, "p",
+        "Outside: of the range of its law. Stuck: held by friction. Both are shares of the steps that were computed.",
+        "soft");
     std::string still;
     for (const auto& j : run_.joints)
       if (!j.moved) still += (still.empty() ? "" : ", ") + j.name;
@@ -213,7 +188,8 @@ class Section {
 
   void remarks() {
     page_.add(to_, "h3", "Remarks of the run");
-    const auto others = other_warnings(run_);
+    auto others = other_warnings(run_);
+    std::ranges::move(health_notes(run_), std::back_inserter(others));
     for (const auto& warning : others) page_.add(to_, "p", warning);
     if (others.empty())
       page_.add(to_, "p", run_.summary.is_object() ? "None." : "Not known without a summary.", "soft");
@@ -233,16 +209,15 @@ class Section {
          {"steps", fmt::format("{} computed of {}", shown(number(run_.summary, {"steps_computed"}), "{:.0f}"),
                                shown(number(run_.summary, {"steps"}), "{:.0f}"))},
          {"samples", fmt::format("{}", run_.record.time_s.size())},
-         {"folder", run_.directory.string()}});
+         {"folder", shown_folder(run_.directory)}});
     page_.add(to_, "p", "To reproduce the run, and this page:");
-    std::filesystem::path again = (run_.directory / "").parent_path();
-    again += "_again";
+    const std::string folder = shown_folder(run_.directory);
     page_.add(to_, "pre",
-              fmt::format("tribotwin run {} -o {}\n{}", shell_word((run_.directory / "scenario.yaml").string()),
-                          shell_word(again.string()), command_line));
+              fmt::format("tribotwin run {} -o {}\n{}", shell_word(folder + "/scenario.yaml"),
+                          shell_word(folder + "_again"), without_folders(command_line)));
     if (run_.scenario_text.empty()) return;
-    page_.add(to_, "p", "The scenario, as it was run:");
-    page_.add(to_, "pre", run_.scenario_text);
+    auto scenario = page_.add_details(to_, "The scenario, as it was run");
+    page_.add(scenario, "pre", without_folders(run_.scenario_text));
   }
 
   IllustratedPage& page_;

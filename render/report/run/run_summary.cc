@@ -77,6 +77,11 @@ const JointSummary* warmest(const std::vector<JointSummary>& joints) {
   return best;
 }
 
+double computed_s(const RunData& run) {
+  return number(run.summary, {"simulated_s"}) * number(run.summary, {"steps_computed"}) /
+         number(run.summary, {"steps"});
+}
+
 double simulated_s(const RunData& run) {
   const double s = number(run.summary, {"simulated_s"});
   return std::isfinite(s) || run.record.time_s.empty() ? s : run.record.time_s.back();

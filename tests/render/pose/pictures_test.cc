@@ -7,8 +7,10 @@
 #include <gtest/gtest.h>
 #include <lodepng.h>
 
+#include <tribotwin/render/pose/moment.hpp>
 #include <tribotwin/render/pose/overlay.hpp>
 #include <tribotwin/render/pose/pose.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -285,6 +287,60 @@ TEST(Poses, SamplesAreEvenlyInTime) {
   EXPECT_TRUE(evenly_in_time({}, 5).empty());
 }
 
+/// A record of one joint whose position is the time and whose friction is 100 plus its cycle; of ten cycles of 1 s the
+/// first, the fourth and the last are computed.
+twin::Recording some_cycles() {
+  twin::Recording record;
+  record.joints = {"hinge"};
+  record.channels = {{"position_rad", "rad", ""}, {"temperature_degC", "degC", ""}, {"friction_nm", "Nm", ""}};
+  record.values = {{{}, {}, {}}};
+  record.cycle_channels = {{"cycle_temperature_degC", "degC", ""}};
+  record.cycle_values = {{{}}};
+  for (int cycle = 0; cycle < 10; ++cycle) {
+    record.cycle_time_s.push_back(cycle + 1);
+    record.cycle_values[0][0].push_back(20 + 5 * (cycle + 1));
+    if (cycle != 0 && cycle != 3 && cycle != 9) continue;
+    for (int i = 0; i < 100; ++i) {
+      record.time_s.push_back(cycle + i / 100.0);
+      record.values[0][0].push_back(i / 100.0);
+      record.values[0][1].push_back(20 + 5 * record.time_s.back());
+      record.values[0][2].push_back(100 + cycle);
+    }
+  }
+  return record;
+}
+
+TEST(Moments, BetweenComputedCyclesAreInterpolatedAtTheSameMomentOfBoth) {
+  const auto model = robot("xl330_pendulum");
+  const auto record = some_cycles();
+  const Moments moments(*model, record);
+  EXPECT_NEAR(moments.period_s(), 1, 1e-9);
+  const auto address = static_cast<std::size_t>(twin::position_address(model->get(), model->drives()[0]));
+  for (const double t : {0.0, 0.505, 0.99, 1.25, 2.5, 3.75, 5.0, 6.125, 8.98, 9.5}) {
+    const PoseState state = moments.at(t);
+    EXPECT_EQ(state.time_s, t);
+    EXPECT_NEAR(state.qpos[address], t - std::floor(t), 1e-6) << t;
+    EXPECT_NEAR(state.joints[0].temperature_degC, 20 + 5 * t, 1e-6) << t;
+    EXPECT_NEAR(state.joints[0].friction_nm, 100 + std::floor(t), 1e-6) << t;  // linear from cycle to cycle
+  }
+  const auto even = moments.evenly(4);
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(*even[i].time_s, 9.99 * static_cast<double>(i) / 3, 1e-9);
+}
+
+TEST(Moments, AFilmOfManyCyclesShowsSomeOfThemWhole) {
+  const auto model = robot("xl330_pendulum");
+  const auto record = some_cycles();
+  const Moments moments(*model, record);
+  const auto all = moments.film_times(200, 20);  // 20 frames a cycle: all are shown
+  EXPECT_EQ(all.size(), 200u);
+  EXPECT_NEAR(all[1] - all[0], 9.99 / 199, 1e-9);
+  const auto some = moments.film_times(30, 10);
+  ASSERT_EQ(some.size(), 30u);
+  for (std::size_t moment = 0; moment < 3; ++moment)
+    for (std::size_t i = 0; i < 10; ++i)
+      EXPECT_NEAR(some[10 * moment + i], 4.0 * static_cast<double>(moment) + static_cast<double>(i) / 10, 1e-9);
+}
+
 TEST(Theme, MapIsMonotoneInLightness) {
   double last = -1;
   for (int i = 0; i <= 100; ++i) {
@@ -303,6 +359,7 @@ TEST(Theme, TextWithoutSurprises) {
   EXPECT_EQ(printable("\x1b[31m\xff"), "\uFFFD[31m\uFFFD");
   EXPECT_EQ(duration(4983), "1 h 23 min 03 s");
   EXPECT_EQ(duration(59.9), "59.90 s");
+  EXPECT_FALSE(std::signbit(ticks(-2, 20, 5).front()));  // which would be written as "-0"
   EXPECT_EQ(ticks(0, 1, 5), (std::vector<double>{0, 0.2, 0.4, 0.6000000000000001, 0.8, 1}));
 }
 

@@ -1,26 +1,38 @@
 """Pages in a real browser: what it says about them, and what a reader sees in them."""
-import html, json, os, re, subprocess
+import atexit, base64, html, os, re, sys, urllib.parse
 
-# The page forbids scripts; a copy without that rule gets one that measures it in a frame of the wanted width.
-MEASURE = """<script>addEventListener('load', () => {
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "twin", "live", "page"))
+import devtools
+
+WIDTHS = (1440, 768, 480, 360)
+
+# Evaluated by the DevTools, which the page's own policy does not forbid.
+MEASURE = """(() => {
+  for (const d of document.querySelectorAll('details')) d.open = true;
   const channel = c => { c /= 255; return c <= .03928 ? c / 12.92 : ((c + .055) / 1.055) ** 2.4; };
   const light = c => .2126 * channel(c[0]) + .7152 * channel(c[1]) + .0722 * channel(c[2]);
-  const colour = text => { const n = (text.match(/[\\d.]+/g) || []).map(Number); 
-    return n.length == 4 && n[3] == 0 ? null :
-    n.length >= 3 ? n : null; };
+  const colour = text => { const n = (text.match(/[\\d.]+/g) || []).map(Number);
+    return n.length == 4 && n[3] == 0 ? null : n.length >= 3 ? n : null; };
   let worst = 99, where = '', texts = 0;
-  for (const e of document.querySelectorAll('body *')) {
-    if (![...e.childNodes].some(n => n.nodeType == 3 && n.data.trim())) continue;
-    const style = getComputedStyle(e), front = colour(e.closest('svg') ? style.fill : style.color);
+  const judge = (e, style, text) => {
+    const front = colour(e.closest('svg') ? style.fill : style.color);
     let back = null;
     for (let b = e; b && !back; b = b.parentElement) back = colour(getComputedStyle(b).backgroundColor);
-    if (!front || !back) continue;
+    if (!front || !back) return;
     const a = light(front), c = light(back), ratio = (Math.max(a, c) + .05) / (Math.min(a, c) + .05);
     ++texts;
-    if (ratio < worst) { worst = ratio; where = e.tagName + ': ' + e.textContent.slice(0, 40); }
+    if (ratio < worst) { worst = ratio; where = e.tagName + ': ' + text.slice(0, 40); }
+  };
+  for (const e of document.querySelectorAll('body *')) {
+    if ([...e.childNodes].some(n => n.nodeType == 3 && n.data.trim())) judge(e, getComputedStyle(e), e.textContent);
+    const before = getComputedStyle(e, '::before');
+    if (e.dataset && e.dataset.label && before.content != 'none') judge(e, before, e.dataset.label);
   }
-  const images = [...document.images], wide = [...document.querySelectorAll('main *')].filter(e =>
-    !e.closest('.scroll') && !e.closest('svg') && e.getBoundingClientRect().right > innerWidth + 1);
+  const named = e => e.tagName + '.' + e.className + ': ' + e.textContent.slice(0, 40);
+  const outside = [...document.querySelectorAll('main *')].filter(e => !e.closest('svg'));
+  const wide = outside.filter(e => !e.closest('.scroll') && e.getBoundingClientRect().right > innerWidth + 1);
+  const hidden = outside.filter(e => !e.matches('.scroll') && e.clientWidth && e.scrollWidth > e.clientWidth + 1);
+  const scrolls = [...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1);
   // Labels of drawings: within their drawing, and not over each other.
   let cut = [], over = [];
   for (const svg of document.querySelectorAll('main svg')) {
@@ -48,14 +60,39 @@ MEASURE = """<script>addEventListener('load', () => {
         torn.push(word[0]);
     }
   }
-  const ids = [...document.querySelectorAll('[id]')].map(e => e.id);
-  parent.postMessage({width: innerWidth, images: images.length,
+  const ids = [...document.querySelectorAll('[id]')].map(e => e.id), images = [...document.images];
+  const first = document.querySelector('main > h1 ~ #verdict');
+  return {width: innerWidth, images: images.length,
     broken: images.filter(i => !i.complete || !i.naturalWidth).length,
     drawings: document.querySelectorAll('main svg').length,
-    overflow: document.documentElement.scrollWidth - innerWidth, wide: wide.map(e => e.tagName + '.' + e.className),
+    overflow: document.documentElement.scrollWidth - innerWidth, wide: wide.map(named), hidden: hidden.map(named),
+    scrolls: scrolls.map(named), verdict: first ? first.getBoundingClientRect().top + scrollY : null,
     contrast: worst, where, texts, cut, over, torn, ids: ids.length - new Set(ids).size,
-    scripts: document.scripts.length, title: document.title, text: document.body.innerText}, '*');
-});</script>"""
+    scripts: document.scripts.length, title: document.title, text: document.body.innerText};
+})()"""
+
+
+def opening(page):
+    """What the page's source says in its first lines; the verdict comes before all but title and identity."""
+    main = page[page.index("<main>") :]
+    text = lambda s: html.unescape(re.sub(r"<[^>]*>", "", s))
+    verdict = re.search(r'<p class="verdict (\w+)" id="verdict">(.*?)</p>', main, re.S)
+    if not verdict:
+        return {"verdict": "", "light": "", "rule": "", "identity": "", "tiles": [], "action": ""}
+    before, after = main[: verdict.start()], main[verdict.end() :]
+    light = re.match(r"<p><strong[^>]*>.*?</strong>.*?</p>", after, re.S)
+    name, _, rule = text(light.group(0) if light else "").partition(": ")
+    identity = re.search(r'<p class="identity[^>]*>(.*?)</p>', before, re.S)
+    tiles = re.match(r'<div class="tiles">.*?</div></div></div>', after[light.end() if light else 0 :], re.S)
+    action = re.search(r"<p><strong>What to do: </strong>(.*?)</p>", after, re.S)
+    return {
+        "verdict": text(verdict.group(2)),
+        "light": name,
+        "rule": rule,
+        "identity": text(identity.group(1)) if identity else "",
+        "tiles": re.findall(r'<div class="tile">', tiles.group(0)) if tiles else [],
+        "action": text(action.group(1)) if action else "",
+    }
 
 
 class Browser:
@@ -63,88 +100,69 @@ class Browser:
 
     def __init__(self, work, check):
         self.work, self.check = work, check
-        self.command = [
-            "chromium",
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-dev-shm-usage",
-            "--user-data-dir=" + self.path("browser"),
-            "--virtual-time-budget=20000",
-        ]
+        self.process = devtools.Browser(work)
+        atexit.register(self.process.close)
+        self.tab = self.process.tab()
+        self.tab.patience_s = 120  # pages of many drawings, on a busy machine
 
-    def path(self, name):
-        return os.path.join(self.work, name)
-
-    def console(self, page):
+    def open(self, page):
         """What the browser says about the page as it is."""
-        r = subprocess.run(
-            self.command + ["--enable-logging=stderr", "--v=0", "--dump-dom", "file://" + page],
-            capture_output=True,
-            text=True,
-            timeout=300,
-        )
-        # What the page says; a line whose source is chrome:// is the browser's own.
-        return [s for s in r.stderr.splitlines() if "CONSOLE" in s and "source: chrome://" not in s], r.stdout
+        self.tab.console.clear()
+        self.tab.requests.clear()
+        self.tab.window(1440, 1000)
+        self.tab.go("file://" + urllib.parse.quote(page))
+        return self.tab.console
 
-    def measured(self, page, width):
-        with open(page) as f:
-            text = f.read()
-        probe = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text).replace(
-            "</body>", MEASURE + "</body>"
-        )
-        assert probe.count("postMessage") == 1
-        with open(self.path("probe.html"), "w") as f:
-            f.write(probe)
-        with open(self.path("frame.html"), "w") as f:
-            f.write(
-                "<pre id=result></pre><script>addEventListener('message', e => "
-                "document.getElementById('result').textContent = JSON.stringify(e.data));</script>"
-                "<iframe src=probe.html style='width:%dpx;height:900px;border:0'></iframe>" % width
+    def measured(self, width, scheme="light"):
+        self.tab.window(width, 1000, scheme)
+        return self.tab.value(MEASURE)
+
+    def printed(self, page, file):
+        """Prints the page as it is when it is opened; how many pages A4 it has."""
+        self.open(page)
+        paper = {"paperWidth": 8.27, "paperHeight": 11.69, "preferCSSPageSize": True, "printBackground": True}
+        pdf = base64.b64decode(self.tab.command("Page.printToPDF", **paper)["data"])
+        with open(file, "wb") as f:
+            f.write(pdf)
+        return len(re.findall(rb"/Type\s*/Page\b", pdf))
+
+    def check_page(self, name, page, images, drawings, widths=WIDTHS):
+        """What holds of every page; returns what was measured in the widest window, in which `text` is what is read."""
+        self.open(page)
+        for width in {max(widths), min(widths)}:
+            dark = self.measured(width, "dark")
+            self.check(
+                f"{name} at {width}, dark: contrast at least 4.5:1",
+                dark["contrast"] >= 4.5,
+                (dark["contrast"], dark["where"]),
             )
-        r = subprocess.run(
-            self.command + ["--dump-dom", "--window-size=1400,1000", "file://" + self.path("frame.html")],
-            capture_output=True,
-            text=True,
-            timeout=300,
-        )
-        found = re.search(r'<pre id="result">(.*?)</pre>', r.stdout, re.S)
-        return json.loads(html.unescape(found.group(1))) if found and found.group(1) else None
+        all_widths = [self.measured(width) for width in reversed(widths)]
+        for m in all_widths:
+            self.check_width(f"{name} at {m['width']}", m, images, drawings)
+        self.check(name + ": no console message", not self.tab.console, self.tab.console)
+        fetched = [r for r in self.tab.requests[1:] if not r.startswith("data:")]
+        self.check(name + ": nothing is fetched", not fetched, fetched)
+        return all_widths[-1]
 
-    def check_page(self, name, page, images, drawings, widths=(1280, 480)):
+    def check_width(self, name, m, images, drawings):
         check = self.check
-        said, dom = self.console(page)
-        check(name + ": no console message", not said, said)
-        check(name + ": the browser shows it", "</main>" in dom, dom[:300])
-        for width in widths:
-            m = self.measured(page, width)
-            check(f"{name} at {width}: measured", m is not None and m["width"] == width, m)
-            if not m:
-                continue
-            check(
-                f"{name} at {width}: {images} pictures and {drawings} drawings load",
-                m["images"] == images and m["broken"] == 0 and m["drawings"] == drawings,
-                {k: m[k] for k in m if k != "text"},
-            )
-            check(
-                f"{name} at {width}: nothing is wider than the window",
-                m["overflow"] <= 0 and not m["wide"],
-                (m["overflow"], m["wide"]),
-            )
-            check(
-                f"{name} at {width}: contrast at least 4.5:1 in {m['texts']} texts",
-                m["texts"] > 30 and m["contrast"] >= 4.5,
-                (m["contrast"], m["where"]),
-            )
-            check(
-                f"{name} at {width}: no label is cut off or over another",
-                not m["cut"] and not m["over"],
-                (m["cut"], m["over"]),
-            )
-            check(f"{name} at {width}: no word of a table is torn", not m["torn"], m["torn"])
-            check(
-                f"{name} at {width}: no script but ours, ids unique",
-                m["scripts"] == 1 and m["ids"] == 0,
-                (m["scripts"], m["ids"]),
-            )
-        return m
+        check(
+            f"{name}: {images} pictures and {drawings} drawings load",
+            m["images"] == images and m["broken"] == 0 and drawings in (None, m["drawings"]),
+            {k: m[k] for k in m if k != "text"},
+        )
+        check(
+            f"{name}: nothing is wider than the window or than what it is in",
+            m["overflow"] <= 0 and not m["wide"] and not m["hidden"],
+            (m["overflow"], m["wide"], m["hidden"]),
+        )
+        check(f"{name}: no table scrolls", not m["scrolls"], m["scrolls"])
+        check(f"{name}: the verdict is in sight", m["verdict"] is not None and m["verdict"] < 400, m["verdict"])
+        check(
+            f"{name}: contrast at least 4.5:1 in {m['texts']} texts",
+            m["texts"] > 30 and m["contrast"] >= 4.5,
+            (m["contrast"], m["where"]),
+        )
+        check(f"{name}: no label is cut off or over another", not m["cut"] and not m["over"], (m["cut"], m["over"]))
+        check(f"{name}: no word of a table is torn", not m["torn"], m["torn"])
+        check(f"{name}: no script, ids unique", m["scripts"] == 0 and m["ids"] == 0, (m["scripts"], m["ids"]))

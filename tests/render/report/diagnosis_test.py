@@ -4,7 +4,7 @@ import json, os, re, sys
 
 import numpy as np
 
-from browser import Browser
+from browser import Browser, opening
 import harness
 from harness import check, finish, path, work
 
@@ -50,18 +50,26 @@ check(
     r.returncode == 0 and r.stdout == "page.html\n" and r.stderr == "",
     (r.returncode, r.stdout, r.stderr),
 )
-measured = Browser(work, check).check_page("page", os.path.join(work, "page.html"), images=0, drawings=5)
+browser = Browser(work, check)
+measured = browser.check_page("page", os.path.join(work, "page.html"), images=0, drawings=6)
 text = measured["text"] if measured else ""
 for i, o in enumerate(seen):
-    row = re.search(rf"^{i + 1}\t([^\n]*)$", text, re.M)
-    cells = row.group(1).split("\t") if row else []
+    rows = [row.split("\t") for row in re.findall(rf"^{i + 1}\t([^\n]*)$", text, re.M)]
+    words = rows[0] if rows else []
+    check(
+        f"row {i + 1} says in words what diagnose check says",
+        words[1:4]
+        == [("healthy", "anomalous")[o[region]["anomalous"]] for region in ("region1", "region2")] + [o["pattern"]],
+        (words, o),
+    )
+    cells = rows[-1] if rows else []  # of the appendix
     expected = [
         f"{o['region1']['distance']:.3f}",
         f"{o['region1']['statistic']:.2f}",
-        str(o["region1"]["anomalous"]),
+        ("no", "yes")[o["region1"]["anomalous"]],
         f"{o['region2']['distance']:.3f}",
         f"{o['region2']['statistic']:.2f}",
-        str(o["region2"]["anomalous"]),
+        ("no", "yes")[o["region2"]["anomalous"]],
     ]
     check(
         f"row {i + 1} is that of diagnose check", cells[1:7] == expected and cells[8] == o["pattern"], (cells, expected)
@@ -78,6 +86,76 @@ with open(os.path.join(work, "page.html")) as f:
 marks = set(re.findall(r'xlink:href="#[^"]*?(gpPt\d+)" transform="translate', drawing.group(0))) if drawing else set()
 check("points differ in shape", len(marks) >= 3, marks)
 check("outlines differ in dashes", drawing and "stroke-dasharray" in drawing.group(0))
+
+# ---- Curves with dates in their files' names: a trend over dates; what speaks for the cause, and what to test next.
+dates = ("2026-01-10", "2026-02-14", "2026-04-01", "2026-05-20", "2026-07-01")
+files = [f"joint3_{date}.csv" for date in dates]
+for file, wear in zip(files, (0.01, 0.03, 0.06, 0.09, 0.12)):
+    write(file, [(40, wear)])
+r = run(report, "diagnosis", "healthy.yaml", *files, "-o", "dated.html", "--quiet")
+check("dated: the page is written", r.returncode == 0 and r.stderr == "", r.stderr)
+measured = browser.check_page("dated", path("dated.html"), images=0, drawings=7)
+text = measured["text"]
+seen = [
+    json.loads(run(twin, "diagnose", "check", "healthy.yaml", f, "--json").stdout)["observations"][0] for f in files
+]
+last = seen[-1]
+check(
+    "dated: each row has its date", all(re.search(rf"^{i + 1}\t{d}\t", text, re.M) for i, d in enumerate(dates)), text
+)
+days = np.array([np.datetime64(d) - np.datetime64(dates[0]) for d in dates]).astype(float)
+
+
+def reached(observations):
+    """When a straight line through the equivalent loads is at the threshold."""
+    rise, start = np.polyfit(days, [o["equivalent_load"] for o in observations], 1)
+    left = (observations[0]["equivalent_load_threshold"] - start) / rise
+    return np.datetime64(dates[0]) + np.timedelta64(round(left), "D")
+
+
+said = re.search(r"threshold is exceeded, by the straight line since about (\S+)\.", text)
+check(
+    "dated: since when a straight line through the equivalent loads is beyond the threshold",
+    said and abs((np.datetime64(said[1]) - reached(seen)).astype(int)) <= 1,
+    (said and said.groups(), reached(seen)),
+)
+slow = [f"slow_{date}.csv" for date in dates]
+for file, wear in zip(slow, (0.003, 0.006, 0.009, 0.012, 0.015)):
+    write(file, [(40, wear)])
+run(report, "diagnosis", "healthy.yaml", *slow, "-o", "slow.html", "--quiet")
+found = [
+    json.loads(run(twin, "diagnose", "check", "healthy.yaml", f, "--json").stdout)["observations"][0] for f in slow
+]
+said = re.search(r"wear threshold is reached about (\S+) \(95 %: (\S+) … (\S+?)[:)]", harness.content("slow.html"))
+check(
+    "dated: when it will be, within its interval",
+    said
+    and abs((np.datetime64(said[1]) - reached(found)).astype(int)) <= 1
+    and dates[-1] <= said[2] < said[1]
+    and (said[3] == "never" or said[3] > said[1]),
+    (said and said.groups(), reached(found)),
+)
+check("dated: the latest is worn", last["pattern"] == "wear", last)
+first = opening(harness.content("dated.html"))
+check(
+    "dated: the first sentence says in words what it is and how much",
+    f"looks like worn contact surfaces, {100 * last['severity']:.2g} %" in first["verdict"] and first["light"] == "Red",
+    first,
+)
+evidence = dict(re.findall(r"^([A-Z][^\t\n]*F[cs]|speed Vs[^\t\n]*)\t([^\t]*)", text, re.M))
+check(
+    "dated: what speaks for it is measured",
+    re.search(r"For it: .*Coulomb friction Fc.*Against it: ", text)
+    and all(abs(float(evidence[f"{k} friction {n}"].split()[0]) / 12 - 1) < 0.3 for k, n in (("Coulomb", "Fc"),)),
+    (evidence, text[:3000]),
+)
+check("dated: the next test is named", "Next test: " in text and "friction curve again" in text)
+run(report, "diagnosis", "healthy.yaml", *reversed(files), "-o", "back.html", "--quiet")
+check(
+    "dated: files that go back in time have no trend, and it is said",
+    "not in the order of the dates" in harness.content("back.html")
+    and "is reached about" not in harness.content("back.html"),
+)
 
 os.rename(os.path.join(work, "healthy.csv"), os.path.join(work, "gone.csv"))
 r = run(report, "diagnosis", "healthy.yaml", "checked.csv", "-o", "alone.html", "--quiet")
@@ -185,7 +263,7 @@ check(
     r.returncode == 0 and r.stdout == "study/report.html\n" and r.stderr == "",
     (r.returncode, r.stdout, r.stderr),
 )
-measured = Browser(work, check).check_page("study", page, images=0, drawings=2 * (4 + 6 + 4 + 1))
+measured = browser.check_page("study", page, images=0, drawings=2 * (4 + 6 + 4 + 1))
 text = measured["text"] if measured else ""
 for joint in whole:
     for i, o in enumerate(whole[joint]["observations"][:3]):

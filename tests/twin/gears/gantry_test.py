@@ -55,7 +55,7 @@ r = run(
     "--set",
     "telemetry_rate_hz=250",
 )
-rows = check_table("run", r.stdout, ["joint", "start", "end", "max [degC]", "friction rms", "max"])
+rows = check_table("run", r.stdout, ["joint", "start [degC]", "end [degC]", "max [degC]", "friction rms", "max"])
 check("run: newtons", [row[0] for row in rows] == JOINTS and all("N" in row for row in rows), r.stdout)
 check("run: no torque", "Nm" not in r.stdout + r.stderr, (r.stdout, r.stderr))
 summary = json.loads(content("w/summary.json"))

@@ -74,6 +74,10 @@ TEST(MultiRate, FollowsTheFullRunAtEveryCycle) {
   EXPECT_LT(worst_T, 0.1);
   EXPECT_LT(worst_P, 0.015);
   EXPECT_NEAR(fast->friction_work_J, full->friction_work_J, 2e-3 * full->friction_work_J);
+  // Of all cycles, whichever were computed. Joint 3 hardly moves: its first cycle, from rest, is unlike the others.
+  const auto rms = [](const auto& s, std::size_t joint) { return s->joints[joint].friction_nm.rms; };
+  EXPECT_NEAR(rms(fast, 1), rms(full, 1), 2e-3 * rms(full, 1));
+  EXPECT_NEAR(rms(fast, 2), rms(full, 2), 1e-2 * rms(full, 2));
   RecordProperty("worst_temperature_error_K", std::to_string(worst_T));
   RecordProperty("worst_power_error", std::to_string(worst_P));
   std::printf("worst temperature error %.4f K, worst power error %.4f %%\n", worst_T, 100 * worst_P);

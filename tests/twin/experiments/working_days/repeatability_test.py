@@ -124,6 +124,10 @@ if report:
     r = run("days", "days", which=report)
     check("page", r.returncode == 0 and r.stdout.strip() == "days/report.html", (r.stdout, r.stderr))
     page = open(f"{work}/days/report.html").read()
+    sys.path.insert(0, os.path.join(source, "tests", "render", "report"))
+    from browser import Browser
+
+    Browser(work, check).check_page("days", f"{work}/days/report.html", 0, 6 + 6 + 2 + 6)
     for what in (
         "friction of joint3 changed",
         "Time constants",

@@ -36,7 +36,9 @@ class Browser:
     def tab(self):
         with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/json/list") as answer:
             page = next(t for t in json.load(answer) if t["type"] == "page")
-        return Tab(frames.connect("127.0.0.1", self.port, "/devtools/page/" + page["id"]))
+        socket = frames.connect("127.0.0.1", self.port, "/devtools/page/" + page["id"])
+        socket.connection.settimeout(None)  # a test may leave the tab alone for minutes
+        return Tab(socket)
 
     def close(self):
         self.process.terminate()
@@ -49,6 +51,8 @@ class Browser:
 
 class Tab:
     """Commands and what the page did: `console` (errors, warnings, exceptions), `requests` (addresses)."""
+
+    patience_s = 30  # of a command, and of a page's load
 
     def __init__(self, socket):
         self.socket, self.answers, self.numbers = socket, {}, itertools.count(1)
@@ -93,7 +97,7 @@ class Tab:
         number = next(self.numbers)
         self.socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         with self.arrived:
-            if not self.arrived.wait_for(lambda: number in self.answers, 30):
+            if not self.arrived.wait_for(lambda: number in self.answers, self.patience_s):
                 raise TimeoutError(method)
             answer = self.answers.pop(number)
         if "error" in answer:
@@ -104,7 +108,7 @@ class Tab:
         loads = self.loads
         self.command("Page.navigate", url=address)
         with self.arrived:
-            if not self.arrived.wait_for(lambda: self.loads > loads, 30):
+            if not self.arrived.wait_for(lambda: self.loads > loads, self.patience_s):
                 raise TimeoutError("load of " + address)
 
     def value(self, expression):

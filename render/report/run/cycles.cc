@@ -1,0 +1,91 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include <tribotwin/render/report/run/cycles.hpp>
+#include <tribotwin/render/report/run/traces.hpp>
+#include <tribotwin/render/theme/theme.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+constexpr double windows = 200;  ///< of a run whose motion does not repeat
+/// A cycle of fewer samples says little about its root mean square.
+constexpr double samples_min = 20;
+
+double usual_step(std::span<const double> time) {
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
+  return steps.empty() ? std::numeric_limits<double>::quiet_NaN() : twin::identification::median_of(std::move(steps));
+}
+
+double window_of(const RunData& run) { return (run.record.time_s.back() - run.record.time_s.front()) / windows; }
+
+double rms(std::span<const double> values) {
+  double squares = 0;
+  std::size_t count = 0;
+  for (const double v : values)
+    if (std::isfinite(v)) squares += v * v, ++count;
+  return count ? std::sqrt(squares / static_cast<double>(count)) : std::numeric_limits<double>::quiet_NaN();
+}
+
+}  // namespace
+
+bool has_cycles(const RunData& run) { return run.record.cycle_time_s.size() > 1; }
+
+std::vector<CompleteCycle> complete_cycles(const RunData& run) {
+  std::vector<CompleteCycle> all;
+  if (!has_cycles(run) || run.record.time_s.size() < 3) return all;
+  const auto& time = run.record.time_s;
+  const double period_s = usual_step(run.record.cycle_time_s), step_s = usual_step(time);
+  const double expected = period_s / step_s;
+  if (!(expected >= samples_min)) return all;
+  std::size_t begin = 0;
+  for (const double end_s : run.record.cycle_time_s) {
+    while (begin < time.size() && time[begin] < end_s - period_s - 1e-6 * step_s) ++begin;
+    std::size_t end = begin;
+    while (end < time.size() && time[end] < end_s - 1e-6 * step_s) ++end;
+    if (static_cast<double>(end - begin) >= std::floor(expected) - 0.5)
+      all.push_back({begin, end, end_s - period_s / 2});
+    begin = end;
+  }
+  return all;
+}
+
+Trace lubricant_temperature(std::string label, const RunData& run, const JointHistory& joint) {
+  const auto& r = run.record;
+  return has_cycles(run)
+             ? envelope(std::move(label), r.cycle_time_s, run.record.channel(joint.name, "cycle_temperature_degC"))
+             : envelope(std::move(label), r.time_s, joint.temperature_degC);
+}
+
+Trace friction_power(std::string label, const RunData& run, const JointHistory& joint) {
+  return envelope(std::move(label), run.record.cycle_time_s, run.record.channel(joint.name, "cycle_friction_power_W"));
+}
+
+Trace friction_rms(std::string label, const RunData& run, const JointHistory& joint) {
+  const auto cycles = complete_cycles(run);
+  if (cycles.empty() && has_cycles(run)) return {std::move(label), {}, {}};
+  if (cycles.empty()) {
+    const double window_s = window_of(run);
+    return window_s > 0 ? rms_trace(std::move(label), run.record.time_s, joint.friction_nm, window_s)
+                        : envelope(std::move(label), run.record.time_s, joint.friction_nm);
+  }
+  std::vector<double> time, values;
+  for (const CompleteCycle& c : cycles)
+    if (c.end <= joint.friction_nm.size()) {
+      time.push_back(c.middle_s);
+      values.push_back(rms(joint.friction_nm.subspan(c.begin, c.end - c.begin)));
+    }
+  return envelope(std::move(label), time, values);
+}
+
+std::string friction_rms_caption(const RunData& run) {
+  return has_cycles(run) ? "root mean square over each complete work cycle that was computed"
+                         : fmt::format("root mean square over {}", duration(window_of(run)));
+}
+
+}  // namespace tribotwin::render

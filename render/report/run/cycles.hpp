@@ -1,0 +1,37 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/render/report/run/run_data.hpp>
+
+/// What figures may take from a run whose motion repeats: values of every work cycle, and the samples of complete ones.
+/// A multi-rate run has samples of some cycles only, more where it is cold, and a part of a cycle is no measure of the
+/// whole: no figure may depend on which samples there happen to be.
+namespace tribotwin::render {
+
+/// Whether the record has values of every work cycle.
+bool has_cycles(const RunData& run);
+
+/// A work cycle that the record has all samples of.
+struct CompleteCycle {
+  std::size_t begin, end;  ///< first sample, and the one after the last
+  double middle_s;
+};
+std::vector<CompleteCycle> complete_cycles(const RunData& run);
+
+/// Of every work cycle where there are any, else of the samples.
+Trace lubricant_temperature(std::string label, const RunData& run, const JointHistory& joint);
+/// Mean friction power of every work cycle; empty without cycles.
+Trace friction_power(std::string label, const RunData& run, const JointHistory& joint);
+
+/// Root mean square over each complete cycle; over windows of 1/200 of the run where its motion does not repeat.
+Trace friction_rms(std::string label, const RunData& run, const JointHistory& joint);
+/// How friction_rms came about, for a caption.
+std::string friction_rms_caption(const RunData& run);
+
+}  // namespace tribotwin::render

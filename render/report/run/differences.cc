@@ -1,0 +1,98 @@
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include <fmt/format.h>
+#include <yaml-cpp/yaml.h>
+
+#include <tribotwin/render/report/run/differences.hpp>
+#include <tribotwin/render/report/run/run_summary.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+using Keys = std::map<std::string, std::string>;
+
+/// Names and texts for people: what they say shows in other keys.
+bool for_people(const std::string& key) { return key == "name" || key == "description"; }
+
+void flatten(const YAML::Node& node, const std::string& at, Keys& keys) {
+  if (node.IsMap())
+    for (const auto& entry : node)
+      flatten(entry.second, (at.empty() ? "" : at + ".") + entry.first.as<std::string>(""), keys);
+  else if (node.IsSequence() && std::ranges::any_of(node, [](const YAML::Node& n) { return !n.IsScalar(); }))
+    for (std::size_t i = 0; i < node.size(); ++i) flatten(node[i], fmt::format("{}[{}]", at, i + 1), keys);
+  else if (node.IsSequence()) {
+    std::string list;
+    for (const auto& entry : node) list += (list.empty() ? "" : ", ") + entry.Scalar();
+    keys[at] = "[" + list + "]";
+  } else if (node.IsScalar())
+    keys[at] = without_folders(node.Scalar());
+}
+
+Keys keys_of(const RunData& run) {
+  Keys keys;
+  try {
+    flatten(YAML::Load(run.scenario_text), "", keys);
+  } catch (const YAML::Exception&) {
+    keys.clear();  // the page says elsewhere that the scenario cannot be read
+  }
+  for (const char* of_record : {"engine_version", "timestep_s"})
+    if (const auto value = run.attribute(of_record); !value.empty()) keys["record: " + std::string(of_record)] = value;
+  return keys;
+}
+
+}  // namespace
+
+std::vector<DifferingKey> differing_keys(std::span<const std::unique_ptr<RunData>> runs) {
+  std::vector<Keys> all;
+  std::set<std::string> names;
+  for (const auto& run : runs)
+    for (const auto& [key, value] : all.emplace_back(keys_of(*run)))
+      if (!for_people(key)) names.insert(key);
+  std::vector<DifferingKey> differing;
+  for (const auto& name : names) {
+    DifferingKey row{name, {}};
+    for (const Keys& keys : all) {
+      const auto at = keys.find(name);
+      row.values.push_back(at == keys.end() ? "–" : at->second);
+    }
+    if (std::ranges::any_of(row.values, [&](const auto& v) { return v != row.values.front(); }))
+      differing.push_back(std::move(row));
+  }
+  return differing;
+}
+
+std::vector<FrictionChange> friction_changes(std::span<const std::unique_ptr<RunData>> runs) {
+  std::vector<FrictionChange> changes;
+  const auto first = joint_summaries(*runs.front());
+  for (std::size_t r = 1; r < runs.size(); ++r) {
+    const auto others = joint_summaries(*runs[r]);
+    for (const JointSummary& joint : first) {
+      const auto other = std::ranges::find(others, joint.name, &JointSummary::name);
+      const auto history = std::ranges::find(runs[r]->joints, joint.name, &JointHistory::name);
+      if (other == others.end() || (history != runs[r]->joints.end() && !history->moved)) continue;
+      if (!(joint.friction_rms_nm > 0) || !std::isfinite(other->friction_rms_nm)) continue;
+      const bool slide = history != runs[r]->joints.end() && history->slide;
+      changes.push_back({joint.name, r, joint.friction_rms_nm, other->friction_rms_nm, slide ? "N" : "Nm"});
+    }
+  }
+  return changes;
+}
+
+const FrictionChange* largest(const std::vector<FrictionChange>& changes) {
+  const auto magnitude = [](const FrictionChange& c) { return std::abs(c.share()); };
+  const auto at = std::ranges::max_element(changes, {}, magnitude);
+  return at == changes.end() ? nullptr : &*at;
+}
+
+std::string change_text(double from, double to, const std::string& unit) {
+  const double change = to - from, size = std::max(std::abs(from), std::abs(to));
+  if (!(std::abs(change) > 1e-6 * size)) return "none";
+  const bool no_ratio = unit == "°C" || from == 0;  // no ratio of temperatures has a meaning
+  const std::string suffix = unit.empty() ? "" : unit == "°C" ? " K" : " " + unit;
+  return fmt::format("{:+.3g}{}{}", change, suffix, no_ratio ? "" : fmt::format(", {:+.1f} %", 100 * (to / from - 1)));
+}
+
+}  // namespace tribotwin::render

@@ -1,0 +1,244 @@
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include <tribotwin/render/report/run/cycles.hpp>
+#include <tribotwin/render/report/run/differences.hpp>
+#include <tribotwin/render/report/run/health.hpp>
+#include <tribotwin/render/report/run/run_section.hpp>
+#include <tribotwin/render/report/run/run_summary.hpp>
+#include <tribotwin/render/theme/theme.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+constexpr double warmed_K = 1;          ///< less is no warm-up
+constexpr double watched_share = 0.05;  ///< of friction: more is amber
+constexpr double same_share = 0.005;    ///< of friction: less would be written as 0 %
+
+std::string energy(double joule) {
+  for (const auto& [unit, size] : {std::pair{"MJ", 1e6}, {"kJ", 1e3}})
+    if (std::abs(joule) >= size) return fmt::format("{:.3g} {}", joule / size, unit);
+  return shown(joule, "{:.3g} J");
+}
+
+/// The joint that warmed most, of those that moved.
+const JointSummary* warmed(const RunData& run, const std::vector<JointSummary>& joints) {
+  const JointSummary* best = nullptr;
+  for (const auto& j : joints) {
+    const auto history = std::ranges::find(run.joints, j.name, &JointHistory::name);
+    if (history != run.joints.end() && !history->moved) continue;
+    if (std::isfinite(j.end_degC - j.start_degC) &&
+        (!best || j.end_degC - j.start_degC > best->end_degC - best->start_degC))
+      best = &j;
+  }
+  return best && best->end_degC - best->start_degC > warmed_K ? best : nullptr;
+}
+
+struct Change {
+  std::string what, unit;
+  double from, to;
+};
+
+/// Friction of a joint at the beginning and at the end: power of the first and the last work cycle, else root mean
+/// squares. Nothing where either is not known.
+std::optional<Change> friction_change(const RunData& run, const std::string& name) {
+  const auto joint = std::ranges::find(run.joints, name, &JointHistory::name);
+  if (joint == run.joints.end() || run.record.time_s.empty()) return std::nullopt;
+  const bool cycles = has_cycles(run);
+  const Trace t = cycles ? friction_power("", run, *joint) : friction_rms("", run, *joint);
+  const auto finite = [](double v) { return std::isfinite(v); };
+  const auto first = std::ranges::find_if(t.values, finite);
+  const auto last = std::find_if(t.values.rbegin(), t.values.rend(), finite);
+  if (first == t.values.end() || !(*first > 0) || t.values.size() < 3) return std::nullopt;
+  return Change{cycles ? "friction power" : "friction (RMS)", cycles ? "W" : joint->slide ? "N" : "Nm", *first, *last};
+}
+
+std::string sentence(const RunData& run, const std::vector<JointSummary>& joints) {
+  const JointSummary* hot = warmed(run, joints);
+  if (!hot) {
+    const double work = number(run.summary, {"friction_work_J"}), motor = number(run.summary, {"motor_work_J"});
+    return "No joint warms by more than 1 K" +
+           (std::isfinite(work + motor)
+                ? fmt::format("; friction takes {} of {} motor work.", energy(work), energy(motor))
+                : std::string("."));
+  }
+  const auto warms = fmt::format("{} warms from {:.1f} to {:.1f} °C", hot->name, hot->start_degC, hot->end_degC);
+  const auto friction = friction_change(run, hot->name);
+  if (!friction) return warms + ".";
+  const double share = friction->to / friction->from - 1;
+  if (std::abs(share) < same_share)
+    return fmt::format("{}, and its {} stays at {:.3g} {}.", warms, friction->what, friction->to, friction->unit);
+  return fmt::format("{}, and its {} {} from {:.3g} to {:.3g} {} ({:+.0f} %).", warms, friction->what,
+                     share < 0 ? "falls" : "rises", friction->from, friction->to, friction->unit, 100 * share);
+}
+
+void add_load(std::vector<Tile>& tiles, const std::vector<JointSummary>& joints) {
+  const JointSummary* loaded = nullptr;
+  for (const auto& j : joints)
+    if (std::isfinite(j.load_max) && (!loaded || j.load_max > loaded->load_max)) loaded = &j;
+  if (loaded)
+    tiles.push_back({"maximum load", fmt::format("{:.0f} %", 100 * loaded->load_max),
+                     fmt::format("of the maximum torque, {}", loaded->name)});
+}
+
+/// At most five.
+std::vector<Tile> tiles_of(const RunData& run, const std::vector<JointSummary>& joints) {
+  std::vector<Tile> tiles;
+  if (const std::size_t guessed = starting_points(run); guessed > 0)
+    tiles.push_back({"friction and heat", "guessed",
+                     fmt::format("of {} of {} joints: starting points of a gear class", guessed, joints.size()),
+                     "bad"});
+  const JointSummary* hot = warmed(run, joints);
+  if (const auto friction = hot ? friction_change(run, hot->name) : std::nullopt)
+    tiles.push_back({fmt::format("{}, {}", friction->what, hot->name),
+                     fmt::format("{:.3g} → {:.3g} {}", friction->from, friction->to, friction->unit),
+                     change_text(friction->from, friction->to, friction->unit)});
+  if (!hot) hot = warmest(joints);
+  if (hot)
+    tiles.push_back({fmt::format("temperature, {}", hot->name),
+                     fmt::format("{:.1f} → {:.1f} °C", hot->start_degC, hot->end_degC),
+                     fmt::format("{:+.1f} K, at most {:.1f} °C", hot->end_degC - hot->start_degC, hot->max_degC)});
+  if (const double work = number(run.summary, {"friction_work_J"}), motor = number(run.summary, {"motor_work_J"});
+      std::isfinite(work + motor))
+    tiles.push_back(
+        {"friction loss", energy(work), fmt::format("{:.3g} % of {} motor work", 100 * work / motor, energy(motor))});
+  if (const double mae = number(run.summary, {"comparison", "mae_mrad"}); std::isfinite(mae))
+    tiles.push_back({"error against the recording", fmt::format("{:.1f} mrad", mae),
+                     fmt::format("native friction: {} mrad",
+                                 shown(number(run.summary, {"comparison", "baseline_mae_mrad"}), "{:.1f}"))});
+  if (tiles.size() < 4) add_load(tiles, joints);
+  const double rate = number(run.summary, {"realtime_factor"}), simulated = simulated_s(run);
+  tiles.push_back({"simulated", simulated > 7200 ? fmt::format("{:.2f} h", simulated / 3600) : duration(simulated),
+                   std::isfinite(rate) ? fmt::format("{:.0f} x real time", rate) : ""});
+  return tiles;
+}
+
+std::vector<std::string> identity_of_run(const RunData& run, const ReportOptions& options) {
+  std::string version = run.attribute("engine_version");
+  if (version.empty() && run.summary.is_object() && run.summary.contains("engine"))
+    version = text(run.summary["engine"], "version");
+  const std::string robot = options.robot.empty() ? run.robot() : options.robot,
+                    serial = options.serial_number.empty() ? run.serial_number() : options.serial_number;
+  return {robot, serial.empty() ? "" : "serial number " + serial, run.date(), options.software,
+          version.empty() ? "" : "simulated by MuJoCo " + version};
+}
+
+/// "ctrlrange of joint2, saturation of joint2"
+std::string checks_that_warn(const RunData& run) {
+  std::string all;
+  for (const auto& w : warnings(run))
+    all += (all.empty() ? "" : ", ") + w.check + (w.joint.empty() ? "" : " of " + w.joint);
+  return all;
+}
+
+}  // namespace
+
+Opening opening_of(const RunData& run, const ReportOptions& options) {
+  const auto joints = joint_summaries(run);
+  Opening o{.verdict = sentence(run, joints),
+            .light = Light::green,
+            .rule = as_asked_text(run),
+            .tiles = tiles_of(run, joints),
+            .action = "nothing; the figures below show how it came about.",
+            .identity = identity_of_run(run, options)};
+  if (!run.damage.empty()) {
+    o.verdict = "The record of this run is damaged.";
+    o.light = Light::red;
+    o.rule = "a record is red when a part of it cannot be read.";
+    o.action = "read what is missing below, and repeat the run or recover what is whole.";
+  } else if (const auto warned = warnings(run); !warned.empty()) {
+    o.verdict = fmt::format("The run is not what its scenario asked for: {}.", checks_that_warn(run));
+    o.light = Light::red;
+    o.action = warned.front().remedy + ".";
+  } else if (starting_points(run) > 0) {
+    o.light = Light::amber;
+    o.rule += " But friction and heat of its model are guesses.";
+    o.action = "identify friction and heat of this robot before torques or temperatures are used.";
+  } else if (!run.missing.empty()) {
+    o.light = Light::amber;
+    o.rule = "a page is amber when something is missing.";
+    o.action = "read what is missing below.";
+  } else if (const auto outside = joints_outside_law(run); !outside.empty()) {
+    o.light = Light::amber;
+    o.rule += fmt::format(" Amber, because {} left the range in which the law was measured.", outside);
+    o.action = fmt::format(
+        "take friction of {} as a guess where the law was left, or measure it there (tribotwin lab).", outside);
+  }
+  return o;
+}
+
+namespace {
+
+std::string list_of(const std::vector<DifferingKey>& keys) {
+  constexpr std::size_t shown_max = 4;
+  std::string all;
+  for (std::size_t i = 0; i < std::min(shown_max, keys.size()); ++i) {
+    std::string values;
+    for (const auto& v : keys[i].values) values += (values.empty() ? "" : " → ") + v;
+    all += fmt::format("{}{} ({})", i ? ", " : "", keys[i].key, values);
+  }
+  return keys.size() > shown_max ? fmt::format("{} and {} more", all, keys.size() - shown_max) : all;
+}
+
+std::vector<Tile> tiles_of(const Runs& runs, const FrictionChange* most) {
+  std::vector<Tile> tiles;
+  if (!most) return tiles;
+  const RunData &first = *runs.all.front(), &other = *runs.all[most->run];
+  tiles.push_back({fmt::format("friction of {}, RMS", most->joint),
+                   fmt::format("{:.4g} → {:.4g} {}", most->first, most->other, most->unit),
+                   change_text(most->first, most->other, most->unit)});
+  const auto temperature = [&](const RunData& run) {
+    for (const auto& j : joint_summaries(run))
+      if (j.name == most->joint) return j.max_degC;
+    return std::nan("");
+  };
+  if (const double a = temperature(first), b = temperature(other); std::isfinite(a + b))
+    tiles.push_back({fmt::format("maximum temperature, {}", most->joint), fmt::format("{:.1f} → {:.1f} °C", a, b),
+                     fmt::format("{:+.1f} K", b - a)});
+  for (const auto& [what, key] : {std::pair{"friction work", "friction_work_J"}, {"motor work", "motor_work_J"}})
+    if (const double a = number(first.summary, {key}), b = number(other.summary, {key}); std::isfinite(a + b))
+      tiles.push_back({what, fmt::format("{} → {}", energy(a), energy(b)), change_text(a / 1e3, b / 1e3, "kJ")});
+  return tiles;
+}
+
+std::string sentence(const Runs& runs, const FrictionChange* most) {
+  if (!most) return "No joint moves in both runs, so that their friction cannot be compared.";
+  if (std::abs(most->share()) <= resolved_share)
+    return fmt::format("No joint's friction differs by more than {:g} % from that in {}.", 100 * resolved_share,
+                       runs.label(*runs.all.front()));
+  return fmt::format("{} has {} friction in {} than in {}: {:.4g} → {:.4g} {} ({}).", most->joint,
+                     most->share() > 0 ? "more" : "less", runs.label(*runs.all[most->run]),
+                     runs.label(*runs.all.front()), most->first, most->other, most->unit,
+                     change_text(most->first, most->other, most->unit));
+}
+
+}  // namespace
+
+Opening opening_of(const Runs& runs, const ReportOptions& options) {
+  const auto changes = friction_changes(runs.all);
+  const FrictionChange* most = largest(changes);
+  const auto keys = differing_keys(runs.all);
+  Opening o{
+      .verdict = sentence(runs, most),
+      .light = Light::green,
+      .rule = fmt::format("green up to {:g} % of a joint's friction (root mean square over the run), amber beyond; "
+                          "red when a run is not what its scenario asked for.",
+                          100 * watched_share),
+      .tiles = tiles_of(runs, most),
+      .action = keys.empty() ? "look at models and engines: the scenarios are the same."
+                             : fmt::format("judge the change by what was changed: {}.", list_of(keys)),
+      .identity = identity_of_run(*runs.all.front(), options)};
+  if (most && std::abs(most->share()) > watched_share) o.light = Light::amber;
+  for (const auto& run : runs.all)
+    if (!run->damage.empty() || !warnings(*run).empty()) {
+      o.light = Light::red;
+      o.rule += fmt::format(" That is {}.", runs.label(*run));
+      o.action = "see to that run first: its section below says what is wrong.";
+      break;
+    }
+  return o;
+}
+
+}  // namespace tribotwin::render

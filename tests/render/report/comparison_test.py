@@ -1,0 +1,272 @@
+"""tribotwin-report of a healthy and a worn robot, and of the flagship warm-up: what its reader must find in the first
+lines, and pictures that show the moment that they say. Arguments: tribotwin, tribotwin-report, source tree."""
+import json, os, re, subprocess, sys
+
+import h5py
+import numpy as np
+
+from browser import Browser, opening
+import harness
+from harness import check, content, finish, path, work
+from numbers_of_page import Numbers, change, duration, energy
+
+twin, report, source = sys.argv[1:4]
+browser = Browser(work, check)
+
+
+def run(program, *arguments, **options):
+    again = ["--force"] if program == report else []
+    return harness.run(program, *arguments, *again, errors="replace", **options)
+
+
+def drawn(page, title):
+    """The curves of a figure by their label: points [px], y down."""
+    svg = next((s for s in re.findall(r"<svg.*?</svg>", page, re.S) if f">{title}<" in s), "")
+    curves = {}
+    for part in re.split(r'id="[^"]*gnuplot_plot_\d+"', svg)[1:]:
+        label = re.search(r"<text>(.*?)</text>", part)
+        points = re.search(r' d="(.*?)"', part, re.S).group(1).split("M")[1:]
+        if label:
+            curves[label.group(1)] = np.array(
+                [[float(v) for v in p.split(",")] for p in re.findall(r"[-\d.]+,[-\d.]+", " ".join(points[1:]))]
+            )
+    return curves
+
+
+wear = "events=[{time_s: 0, type: wear, joint: joint2, factors: {Fc0: 1.2, Fcl: 1.2, Fs0: 1.2, FsT: 1.2, Fv0: 1.2}}]"
+named = ("--set", "robot=Cell 4, left", "--set", "serial_number=6620-104417")
+for folder, more in (("healthy", ()), ("worn", ("--set", wear))):
+    r = run(twin, "run", "irb6620_warmup", "-o", folder, "--quiet", *named, *more)
+    check(f"{folder}: the run works", r.returncode == 0, r.stderr)
+summaries = {f: json.loads(content(f + "/summary.json")) for f in ("healthy", "worn")}
+rms = {f: s["joints"][1]["friction_nm"]["rms"] for f, s in summaries.items()}
+
+# ---- Healthy against worn.
+r = run(report, path("healthy"), path("worn"), "-o", "both.html")
+check("the comparison is made", r.returncode == 0 and r.stderr == "", (r.returncode, r.stderr))
+page = content("both.html")
+first = opening(page)
+check(
+    "the first sentence names the worn joint and the change of its friction, absolute and in percent",
+    first["verdict"].startswith("joint2 has more friction in worn than in healthy: ")
+    and f"{rms['healthy']:.4g} → {rms['worn']:.4g} Nm" in first["verdict"]
+    and f"{100 * (rms['worn'] / rms['healthy'] - 1):+.1f} %" in first["verdict"],
+    (first, rms),
+)
+check("the light is amber, and its rule is told", first["light"] == "Amber" and "amber beyond" in first["rule"], first)
+check("three to five figures", 3 <= len(first["tiles"]) <= 5, first["tiles"])
+m = browser.check_page("comparison", path("both.html"), 6, None)
+if m:
+    check("columns are told apart", "result\thealthy\tworn\tdifference" in m["text"], m["text"][:3000])
+    check("the keys that differ are shown with both values", "events[1].factors.Fc0\t–\t1.2" in m["text"], m["text"])
+    check("what does not differ is left out", "\nduration_s\t" not in m["text"] and "\nmodel\t" not in m["text"])
+    rows = dict(re.findall(r"^(joint\d: friction, RMS \[Nm\])\t(.*)$", m["text"], re.M))
+    check(
+        "results are given with their difference",
+        rows.get("joint2: friction, RMS [Nm]", "").endswith(f", {100 * (rms['worn'] / rms['healthy'] - 1):+.1f} %"),
+        rows,
+    )
+    check("the page says nothing about this machine", work not in m["text"] and source not in m["text"])
+curves = drawn(page, "Friction")
+check("both are overlaid", list(curves) == ["healthy", "worn"], list(curves))
+for label, points in curves.items():
+    # A warm-up is smooth: no point is further from the middle of its neighbours than a part of the whole change.
+    zigzag = np.abs(points[1:-1, 1] - (points[:-2, 1] + points[2:, 1]) / 2).max() / np.ptp(points[:, 1])
+    check(f"{label}: friction does not zigzag", zigzag < 0.03, zigzag)
+difference = drawn(page, "Difference of friction")
+check("their difference is drawn beside", list(difference) == ["worn − healthy"], list(difference))
+
+same = run(report, "healthy", "healthy", "-o", "same.html")
+check("a run beside itself does not differ", "No joint's friction differs by more than" in content("same.html"))
+
+# ---- The flagship.
+r = run(report, path("healthy"), "-o", "one.html")
+page = content("one.html")
+first = opening(page)
+with h5py.File(path("healthy/telemetry.h5")) as f:
+    group = f["joint2"]
+    power = np.array(group["cycle_friction_power_W"]) if "cycle_friction_power_W" in group else None
+    cycles = f["cycle_time_s"][:] if "cycle_time_s" in f else None
+    time, temperature = f["time_s"][:], group["temperature_degC"][:]
+    if power is None:
+        power = np.array(f["cycles/joint2/friction_power_W"])
+ends = f"from {power[0]:.3g} to {power[-1]:.3g} W ({100 * (power[-1] / power[0] - 1):+.0f} %)"
+check(
+    "the first sentence is the warm-up",
+    first["verdict"].startswith("joint2 warms from 25.0 to ") and ends in first["verdict"],
+    (first["verdict"], ends),
+)
+for what in (
+    "Cell 4, left",
+    "serial number 6620-104417",
+    "tribotwin ",
+    "MuJoCo ",
+    summaries["healthy"]["finished_at"][:10],
+):
+    check(f"the identity has {what!r}", what in first["identity"], first["identity"])
+check("no path of this machine", work not in page and source not in page and os.path.dirname(source) not in page)
+text = re.sub(r"<[^>]*>", " ", page)
+check("numbers have digits that matter", not re.search(r"\d\.\d+e-0\d", text.split("How it was made")[0]), "")
+by_joint = {}
+for svg in re.findall(r"<svg.*?</svg>", page, re.S):
+    for part in re.split(r'id="[^"]*gnuplot_plot_\d+"', svg)[1:]:
+        label = re.search(r"<text>(joint\d)</text>", part)
+        colour = re.search(r"stroke='rgb\(([^)]*)\)'|stroke=\"rgb\(([^)]*)\)\"", part[label.end() :] if label else "")
+        if label and colour:
+            by_joint.setdefault(label.group(1), set()).add(colour.group(1) or colour.group(2))
+check(
+    "a joint has one colour in all figures",
+    "joint2" in by_joint and all(len(c) == 1 for c in by_joint.values()),
+    by_joint,
+)
+
+browser.check_page("warm-up", path("one.html"), 3, 8)
+pages = browser.printed(path("one.html"), path("one.pdf"))
+check("the warm-up is printed on at most six pages", 1 <= pages <= 6, pages)
+check("the warm-up's page is below 3 MB", os.path.getsize(path("one.html")) < 3e6, os.path.getsize(path("one.html")))
+
+
+# ---- Every number outside the figures is that of telemetry.h5 or summary.json.
+def take_run(n, folder):
+    """What the section of a run says."""
+    s = summaries[folder]
+    with h5py.File(path(folder + "/telemetry.h5")) as f:
+        time, samples = f["time_s"][:], len(f["time_s"])
+        cycle_s, warm = f["cycle_time_s"][:], f["joint2/cycle_temperature_degC"][:]
+        power = f["joint2/cycle_friction_power_W"][:]
+        visited = {}
+        for j in ("joint2", "joint3"):
+            speed = np.abs(f[j + "/velocity_rad_s"][:])
+            slid = speed > 0.02 * speed.max()
+            visited[j] = (np.abs(f[j + "/load_nm"][:]) / f[j].attrs["torque_max_nm"])[slid], f[j + "/temperature_degC"][
+                :
+            ][slid]
+    joint, ends = s["joints"][1], (power[0], power[-1])
+    t = joint["temperature_degC"]
+    share = 100 * (ends[1] / ends[0] - 1)
+    n.take(
+        folder + ": verdict",
+        f"joint2 warms from {t['start']:.1f} to {t['end']:.1f} °C, and its friction power falls from {ends[0]:.3g} to "
+        f"{ends[1]:.3g} W ({share:+.0f} %).",
+        f"none of {len({h['check'] for h in s['health']})} checks warns",
+    )
+    n.take(
+        folder + ": tiles",
+        f"{ends[0]:.3g} → {ends[1]:.3g} W\n{change(*ends, 'W')}",
+        f"{t['start']:.1f} → {t['end']:.1f} °C\n{t['end'] - t['start']:+.1f} K, at most {t['max']:.1f} °C",
+        f"{energy(s['friction_work_J'])}\n{100 * s['friction_work_J'] / s['motor_work_J']:.3g} % of "
+        f"{energy(s['motor_work_J'])} motor work",
+        f"{100 * joint['load_norm']['max']:.0f} %\nof the maximum torque, joint2",
+        f"{s['simulated_s'] / 3600:.3g} h\n{s['realtime_factor']:.0f} x real time",
+    )
+    for j in s["joints"]:
+        cells = [f"{j['temperature_degC'][k]:.1f}" for k in ("start", "end", "max")]
+        cells += [f"{j['friction_nm'][k]:.4g}" if j["friction_nm"][k] > 1e-5 else "0" for k in ("rms", "max")]
+        cells += [f"{j['load_norm']['max']:.3f}", f"{100 * j['clamped_samples'] / s['steps_computed']:.3g}"]
+        cells += [f"{100 * j['stuck_s'] / (s['steps_computed'] * 1e-3):.3g}"]
+        n.take(f"{folder}: row of {j['name']}", "\n".join([j["name"], *cells]) + "\n")
+    for h in s["health"]:
+        row = rf"\n{h['check']}\n(?:{h['joint'] or '–'})\n(\S+)(?: [^\n]*)?\n(\S+)(?: [^\n]*)?\n{h['verdict']}\n"
+        if re.search(row, n.text):  # each check shows its worst joint
+            equal = lambda shown, true: abs(float(shown) - true) <= 0.006 * abs(true)
+            n.match(f"{folder}: {h['check']}", row, lambda v, l: equal(v, h["value"]) and equal(l, h["threshold"]))
+    n.take(
+        folder + ": the legend of health", "follow (1) or not (0)", "a gear class (1)", "its own (0)", "telemetry.h5"
+    )
+    n.take(folder + ": remarks", *s["warnings"])
+    crossing = np.interp(38, warm, cycle_s)
+    n.match(
+        folder + ": where the law is clamped",
+        r"below (\d+) °C the law of joint2 was not measured; until (\d+) min (\d+) s its friction is that at 38 °C",
+        lambda c, m, sec: c == "38" and abs(int(m) * 60 + int(sec) - crossing) < 5,
+    )
+    n.take(
+        folder + ": moments",
+        f"6 poses over the run, evenly in time from 0.00 s to {duration(time[-1])}",
+        f"The end, at {duration(time[-1])}",
+        "The beginning, at 0.00 s",
+    )
+    for load, degrees in visited.values():
+        n.take(
+            folder + ": where curves are drawn",
+            f"Law 'extended' at a load of {np.median(load):.3f} of the maximum torque. Points: samples of the run with "
+            f"a load within {max(0.1 * load.max(), 0.005):.3f} of that.",
+            f"Law 'extended' at {np.median(degrees):.1f} °C. Points: samples of the run within "
+            f"{max(0.05 * np.ptp(degrees), 0.25):.2g} K of that.",
+        )
+    n.take(folder + ": the surface", f"Law 'extended' at a load of {np.median(visited['joint2'][0]):.3f}.")
+    n.take(
+        folder + ": how it was made",
+        f"MuJoCo {s['engine']['version']}\n",
+        f"seed\n{s['seed']}\n",
+        "time step\n0.001 s\n",
+        f"{s['steps_computed']} computed of {s['steps']}",
+        f"samples\n{samples}\n",
+    )
+
+
+n = Numbers(page, check)
+n.take("the scenario", re.sub(r"(?m)^model: .*/mjcf/", "model: mjcf/", content("healthy/scenario.yaml")))
+n.take(
+    "identity",
+    "Cell 4, left",
+    "serial number 6620-104417",
+    summaries["healthy"]["finished_at"][:16].replace("T", " ") + " UTC",
+    f"simulated by MuJoCo {summaries['healthy']['engine']['version']}",
+)
+n.match("version", r"tribotwin (\d+\.\d+\.\d+) ", lambda v: True)
+take_run(n, "healthy")
+n.take(
+    "what the scenario is",
+    "irb6620_warmup",
+    "IRB 6620 joint 2 working from a cold 25 degC room for two decay constants (6.08 h)",
+)
+n.finish("warm-up")
+
+# ---- Pictures show the moment that they say, of a run of which most cycles were not computed.
+captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
+check(
+    "where the law is clamped both figures say so",
+    sum("its friction is that at 38 °C" in c for c in captions) == 2,
+    captions,
+)
+check(
+    "poses are evenly in time",
+    "6 poses over the run, evenly in time from 0.00 s to 6 h 04 min 48 s." in captions,
+    captions,
+)
+gap = int(np.argmax(np.diff(time)))
+middle = (time[gap] + time[gap + 1]) / 2
+r = run(report, "pose", "healthy", "--time", f"{middle}", "--size", "320x240", "-o", "gap.png")
+check("a pose between computed cycles is drawn without a warning", r.returncode == 0 and r.stderr == "", r.stderr)
+for name, at in (("before", time[gap]), ("after", time[gap + 1])):
+    run(report, "pose", "healthy", "--time", f"{at}", "--size", "320x240", "-o", name + ".png")
+pictures = {n: content(n + ".png", "rb") for n in ("before", "gap", "after")}
+check("it is neither the sample before nor the one after", len(set(pictures.values())) == 3)
+
+r = run(report, "video", "healthy", "--seconds", "4", "--fps", "10", "--size", "160x120", "-o", "film.mp4")
+check("the film is made", r.returncode == 0, r.stderr)
+frames = subprocess.run(
+    ["ffmpeg", "-v", "error", "-i", path("film.mp4"), "-f", "rawvideo", "-pix_fmt", "gray", "-"], capture_output=True
+).stdout
+frames = np.frombuffer(frames, np.uint8).reshape(-1, 120, 160).astype(float)
+robot = frames[:, :, 60:130]  # beside the panel, whose numbers change anyhow
+moving = np.abs(np.diff(robot, axis=0)).max(axis=(1, 2)) > 40
+check("the film shows motion", len(frames) == 40 and moving.mean() > 0.6, (len(frames), moving.mean()))
+
+# ---- A model without light, sky and visible geometry.
+with open(path("dark.xml"), "w") as f:
+    f.write(
+        '<mujoco model="dark"><visual><headlight active="0"/></visual><worldbody><body name="arm"><joint name="hinge" '
+        'axis="0 1 0"/><geom type="capsule" size="0.05" fromto="0 0 0 0 0 0.5" group="3" rgba="0.8 0.5 0.2 1"/></body>'
+        "</worldbody></mujoco>"
+    )
+r = run(report, "pose", "dark.xml", "--size", "320x240", "-o", "dark.png")
+pixels = subprocess.run(
+    ["ffmpeg", "-v", "error", "-i", path("dark.png"), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True
+).stdout
+pixels = np.frombuffer(pixels, np.uint8).reshape(240, 320, 3).astype(int)
+check("its picture is not black", r.returncode == 0 and (pixels.max(axis=2) < 30).mean() < 0.01, pixels.mean())
+check("its collision geometry is seen", ((pixels[..., 0] - pixels[..., 2]) > 60).mean() > 0.02, "")
+
+finish()

@@ -1,0 +1,52 @@
+"""Every number of a page, outside its figures, is one that a test has computed itself. `take` removes what is expected;
+what is left must have none."""
+import html, re
+
+
+def text_of(page):
+    """What is read outside figures, each cell and paragraph on a line of its own."""
+    main = page[page.index("<main>") : page.index("</main>")]
+    main = re.sub(r"<svg.*?</svg>", "", main, flags=re.S)
+    main = re.sub(r"</(p|div|tr|h\d|figcaption|pre|td|th|summary)>", "\n", main)
+    return html.unescape(re.sub("<[^>]*>", "", main))
+
+
+class Numbers:
+    def __init__(self, page, check):
+        self.text, self.check = text_of(page), check
+
+    def take(self, name, *expected):
+        """Lines or parts of lines that must be there; all that is equal to them is removed."""
+        missing = [e for e in expected if e not in self.text]
+        self.check("number: " + name, not missing, (missing, self.text[:4000]))
+        for e in expected:
+            self.text = self.text.replace(e, "")
+
+    def match(self, name, pattern, holds):
+        """A part with groups, for numbers that are held within a tolerance: `holds(*groups)` for each that there is."""
+        found = list(re.finditer(pattern, self.text))
+        wrong = [m.group(0) for m in found if not holds(*m.groups())]
+        self.check("number: " + name, found and not wrong, (wrong, self.text[:4000]))
+        self.text = re.sub(pattern, "", self.text)
+
+    def finish(self, name):
+        left = [line for line in self.text.splitlines() if re.search(r"\d", re.sub(r"joint\d+", "", line))]
+        self.check(name + ": no number is left that was not computed", not left, left)
+
+
+def duration(seconds):
+    if seconds < 60:
+        return f"{seconds:.2f} s"
+    h, m, s = round(seconds) // 3600, round(seconds) // 60 % 60, round(seconds) % 60
+    return f"{h} h {m:02} min {s:02} s" if h else f"{m} min {s:02} s"
+
+
+def change(a, b, unit):
+    if abs(b - a) <= 1e-6 * max(abs(a), abs(b)):
+        return "none"
+    return f"{b - a:+.3g} {unit}, {100 * (b / a - 1):+.1f} %"
+
+
+def energy(joule):
+    unit, size = next(((u, s) for u, s in (("MJ", 1e6), ("kJ", 1e3)) if abs(joule) >= s), ("J", 1))
+    return f"{joule / size:.3g} {unit}"
