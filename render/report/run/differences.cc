@@ -17,8 +17,31 @@ using Keys = std::map<std::string, std::string>;
 /// Names and texts for people: what they say shows in other keys.
 bool for_people(const std::string& key) { return key == "name" || key == "description"; }
 
+void flatten(const YAML::Node& node, const std::string& at, Keys& keys);
+
+/// "wear of joint2 at 0 s: Fc0 1.2, Fcl 1.2".
+std::string event_text(const YAML::Node& event) {
+  Keys parts;
+  flatten(event, "", parts);
+  const auto take = [&parts](const char* key) {
+    const auto part = parts.extract(key);
+    return part.empty() ? std::string() : part.mapped();
+  };
+  std::string text = take("type");
+  if (const auto joint = take("joint"); !joint.empty()) text += " of " + joint;
+  if (const auto time = take("time_s"); !time.empty()) text += fmt::format(" at {} s", time);
+  std::string_view before = ": ";
+  for (const auto& [key, value] : parts) {
+    text += fmt::format("{}{} {}", before, key.substr(key.rfind('.') + 1), value);
+    before = ", ";
+  }
+  return text;
+}
+
 void flatten(const YAML::Node& node, const std::string& at, Keys& keys) {
-  if (node.IsMap())
+  if (at == "events" && node.IsSequence())
+    for (std::size_t i = 0; i < node.size(); ++i) keys[fmt::format("events[{}]", i + 1)] = event_text(node[i]);
+  else if (node.IsMap())
     for (const auto& entry : node)
       flatten(entry.second, (at.empty() ? "" : at + ".") + entry.first.as<std::string>(""), keys);
   else if (node.IsSequence() && std::ranges::any_of(node, [](const YAML::Node& n) { return !n.IsScalar(); }))
@@ -92,7 +115,8 @@ std::string change_text(double from, double to, const std::string& unit) {
   if (!(std::abs(change) > 1e-6 * size)) return "none";
   const bool no_ratio = unit == "°C" || from == 0;  // no ratio of temperatures has a meaning
   const std::string suffix = unit.empty() ? "" : unit == "°C" ? " K" : " " + unit;
-  return fmt::format("{:+.3g}{}{}", change, suffix, no_ratio ? "" : fmt::format(", {:+.1f} %", 100 * (to / from - 1)));
+  const std::string digits = std::abs(change) < 1000 ? fmt::format("{:+.3g}", change) : fmt::format("{:+.0f}", change);
+  return fmt::format("{}{}{}", digits, suffix, no_ratio ? "" : fmt::format(", {:+.1f} %", 100 * (to / from - 1)));
 }
 
 }  // namespace tribotwin::render

@@ -17,10 +17,15 @@ constexpr double warmed_K = 1;          ///< less is no warm-up
 constexpr double watched_share = 0.05;  ///< of friction: more is amber
 constexpr double same_share = 0.005;    ///< of friction: less would be written as 0 %
 
-std::string energy(double joule) {
+std::pair<const char*, double> energy_unit(double joule) {
   for (const auto& [unit, size] : {std::pair{"MJ", 1e6}, {"kJ", 1e3}})
-    if (std::abs(joule) >= size) return fmt::format("{:.3g} {}", joule / size, unit);
-  return shown(joule, "{:.3g} J");
+    if (std::abs(joule) >= size) return {unit, size};
+  return {"J", 1};
+}
+
+std::string energy(double joule) {
+  const auto [unit, size] = energy_unit(joule);
+  return shown(joule / size, fmt::format("{{:.3g}} {}", unit).c_str());
 }
 
 /// The joint that warmed most, of those that moved.
@@ -171,7 +176,10 @@ Opening opening_of(const RunData& run, const ReportOptions& options) {
 
 namespace {
 
-std::string list_of(const std::vector<DifferingKey>& keys) {
+/// Which robot it was changes nothing of what it does.
+std::string list_of(std::vector<DifferingKey> keys) {
+  const auto identity = [](const DifferingKey& k) { return k.key == "robot" || k.key == "serial_number"; };
+  if (!std::ranges::all_of(keys, identity)) std::erase_if(keys, identity);
   constexpr std::size_t shown_max = 4;
   std::string all;
   for (std::size_t i = 0; i < std::min(shown_max, keys.size()); ++i) {
@@ -198,8 +206,10 @@ std::vector<Tile> tiles_of(const Runs& runs, const FrictionChange* most) {
     tiles.push_back({fmt::format("maximum temperature, {}", most->joint), fmt::format("{:.1f} → {:.1f} °C", a, b),
                      fmt::format("{:+.1f} K", b - a)});
   for (const auto& [what, key] : {std::pair{"friction work", "friction_work_J"}, {"motor work", "motor_work_J"}})
-    if (const double a = number(first.summary, {key}), b = number(other.summary, {key}); std::isfinite(a + b))
-      tiles.push_back({what, fmt::format("{} → {}", energy(a), energy(b)), change_text(a / 1e3, b / 1e3, "kJ")});
+    if (const double a = number(first.summary, {key}), b = number(other.summary, {key}); std::isfinite(a + b)) {
+      const auto [unit, size] = energy_unit(std::max(std::abs(a), std::abs(b)));
+      tiles.push_back({what, fmt::format("{} → {}", energy(a), energy(b)), change_text(a / size, b / size, unit)});
+    }
   return tiles;
 }
 

@@ -54,11 +54,17 @@ check(
     (first, rms),
 )
 check("the light is amber, and its rule is told", first["light"] == "Amber" and "amber beyond" in first["rule"], first)
+more_MJ = (summaries["worn"]["friction_work_J"] - summaries["healthy"]["friction_work_J"]) / 1e6
+changed = "wear of joint2 at 0 s: Fc0 1.2, Fcl 1.2, Fs0 1.2, FsT 1.2, Fv0 1.2"
 check("three to five figures", 3 <= len(first["tiles"]) <= 5, first["tiles"])
 m = browser.check_page("comparison", path("both.html"), 6, None)
 if m:
     check("columns are told apart", "result\thealthy\tworn\tdifference" in m["text"], m["text"][:3000])
-    check("the keys that differ are shown with both values", "events[1].factors.Fc0\t–\t1.2" in m["text"], m["text"])
+    top = m["text"].split("Simulations have no noise")[0]
+    check("the keys that differ are shown with both values", f"events[1]\t–\t{changed}\n" in top, top)
+    check("what to do names what was changed", f"what was changed: events[1] (– → {changed})." in top, top)
+    check("work and its change have one unit", f"{more_MJ:+.3g} MJ" in top, (more_MJ, top))
+    check("no exponent where none is needed", not re.findall(r".*\de[+-]0.*", top), top)
     check("what does not differ is left out", "\nduration_s\t" not in m["text"] and "\nmodel\t" not in m["text"])
     rows = dict(re.findall(r"^(joint\d: friction, RMS \[Nm\])\t(.*)$", m["text"], re.M))
     check(
