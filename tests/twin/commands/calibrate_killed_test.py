@@ -45,8 +45,8 @@ def children_of(pid):
 
 
 def kill(process, ranks):
-    """Kills (-9) the program; of an MPI job a rank, and the launcher ends the others. They end a little later, and until
-    then the folder is in use."""
+    """Kills (-9) the program; of an MPI job a rank, and the launcher ends the others. They end a little later.
+    Until then the folder is in use."""
     family = children_of(process.pid)
     if ranks:
         with open("/proc/%d/task/%d/children" % (process.pid, process.pid)) as f:
