@@ -570,7 +570,7 @@ def wrong_rows(found, truth, all_of_them=False):
     return ""
 
 
-VOLATILE = {"wall_s", "realtime_factor"}
+VOLATILE = {"finished_at", "wall_s", "realtime_factor"}
 
 
 def steady(value):
@@ -883,8 +883,9 @@ def write_measurements(random):
             name,
             "robot,joint,date,speed_rad_s,temperature_degC,friction_nm\n"
             + "".join(
-                f"R{i // 15 % 2},hinge,2026-{month}-{i // 30 + 1:02},{v[i]},{T[i]},{friction[i]}\n"
-                for i in range(v.size)
+                f"R{i // 15 % 2},hinge,2026-{month}-{i // 30 + 1:02},"
+                f"{v[i % v.size]},{T[i % v.size]},{friction[i % v.size]}\n"
+                for i in range(180)  # 12 curves of 15 points
             ),
         )
     write_table(

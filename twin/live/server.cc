@@ -48,6 +48,7 @@ struct Server::Impl {
   Impl(const ServerOptions& options, Hello hello)
       : rows(hello.columns.size(), rows_on_the_way), poses(hello.bodies * pose_numbers) {
     hub.options = options;
+    if (!hub.options.room) hub.options.room = room_for_pages;
     hub.hello = std::move(hello);
     if (!options.folder.empty() && hub.hello.head && !options.readonly) make_files();
   }

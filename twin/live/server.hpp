@@ -12,7 +12,6 @@
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/live/access.hpp>
 #include <tribotwin/twin/live/limits.hpp>
-#include <tribotwin/twin/live/live_file.hpp>
 #include <tribotwin/twin/live/protocol/messages.hpp>
 #include <tribotwin/twin/live/ring.hpp>
 
@@ -23,8 +22,8 @@ struct ServerOptions {
   bool readonly = false;
   std::string foxglove_origin = {};   ///< the one site that may connect by Foxglove's protocol; empty: our own only
   std::filesystem::path folder = {};  ///< of what pages record and export; empty: they cannot
-  /// Of that folder.
-  std::function<std::uintmax_t(const std::filesystem::path&)> room = room_for_pages;
+  /// How many bytes pages may write into that folder; empty: all but a reserve for the record of the program.
+  std::function<std::uintmax_t(const std::filesystem::path&)> room = {};
   Limits limits;
 };
 

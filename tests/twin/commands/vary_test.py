@@ -5,7 +5,7 @@ import os, re, shutil, signal, subprocess, sys, time
 import h5py
 
 import harness
-from harness import check, check_refused, content, finish, path, work
+from harness import OF_THE_CLOCK, check, check_refused, content, finish, path, work
 from pendulum import PENDULUM
 
 program = sys.argv[1]
@@ -29,7 +29,7 @@ def run(*arguments, **options):
 
 def values(folder):
     """What the runs say, but for wall times."""
-    found = {"summary": re.sub(r'"(wall_s|realtime_factor)": [^,]*,', "", content(folder + "/summary.json"))}
+    found = {"summary": re.sub(OF_THE_CLOCK, "", content(folder + "/summary.json"))}
     for name in RUNS:
         with h5py.File(path(folder, name, "telemetry.h5")) as f:
             f.visititems(lambda k, x: found.update({name + k: x[()].tolist()}) if isinstance(x, h5py.Dataset) else None)

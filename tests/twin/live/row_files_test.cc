@@ -11,6 +11,7 @@
 
 #include <tribotwin/tests/small_disk.hpp>
 #include <tribotwin/twin/io/mcap/joint_states.hpp>
+#include <tribotwin/twin/live/live_file.hpp>
 #include <tribotwin/twin/live/row_memory.hpp>
 
 namespace tribotwin::twin::live {
