@@ -121,6 +121,7 @@ commands = [
             ("tribotwin", "calibrate", "{in}/fit.yaml", "-o", "out", "--threads", "1"),
             ("out/",),
             resumable=True,
+            state=("out/calibration.unfinished",),
         ),
         Command(
             "identify",
