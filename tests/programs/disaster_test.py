@@ -110,7 +110,9 @@ def full_disk(variant, truth, calls):
         # SQLite tries again to open its files, without making them, and says why that failed; of a sync, and of a
         # short write, which has no errno, it says less.
         unsaid = command.name.startswith("fleet") and (
-            failed_at[0].startswith("open") or "disk I/O error" in r.stderr and ("sync" in failed_at[0] or how == "short")
+            failed_at[0].startswith("open")
+            or "disk I/O error" in r.stderr
+            and ("sync" in failed_at[0] or how == "short")
         )
         if REASON not in r.stderr and not unsaid:
             complaints.append(f"the reason is not said: {r.stderr[-200:]!r}")
