@@ -73,17 +73,6 @@ static void fmu_report(const fmu_host *host, int code, const char *text)
 )";
 
 const char* const fmi2_functions = R"(
-static fmi2Status fmi2_status(int code)
-{
-  return code == fmu_done ? fmi2OK : code == fmu_discarded ? fmi2Discard : fmi2Error;
-}
-
-/* Every function with an instance begins so. */
-#define BEGIN(modes, function) \
-  fmu_instance *const f = (fmu_instance *)instance; \
-  static const char name[] = "fmi2" #function; \
-  if (!f || !fmu_allowed(f, modes, name)) return fmi2Error
-
 FMI_EXPORT const char *FMI(GetTypesPlatform)(void)
 {
   return "default";
@@ -162,31 +151,6 @@ FMI_EXPORT fmi2Status FMI(EnterInitializationMode)(void *instance)
   return fmi2OK;
 }
 
-FMI_EXPORT fmi2Status FMI(ExitInitializationMode)(void *instance)
-{
-  BEGIN(in_initialization, ExitInitializationMode);
-  (void)name;
-  fmu_evaluate(&f->now);
-  f->now.mode = in_steps;
-  return fmi2OK;
-}
-
-FMI_EXPORT fmi2Status FMI(Terminate)(void *instance)
-{
-  BEGIN(in_steps, Terminate);
-  (void)name;
-  f->now.mode = in_terminated;
-  return fmi2OK;
-}
-
-FMI_EXPORT fmi2Status FMI(Reset)(void *instance)
-{
-  BEGIN(in_any, Reset);
-  (void)name;
-  fmu_start(&f->now);
-  return fmi2OK;
-}
-
 FMI_EXPORT fmi2Status FMI(GetReal)(void *instance, const fmu_reference references[], size_t count, double values[])
 {
   BEGIN(in_any, GetReal);
@@ -231,47 +195,6 @@ NO_VARIABLES(GetInteger, int)
 NO_VARIABLES(SetInteger, const int)
 NO_VARIABLES(GetString, const char *)
 NO_VARIABLES(SetString, const char *const)
-
-FMI_EXPORT fmi2Status FMI(GetFMUstate)(void *instance, void **state)
-{
-  BEGIN(in_any, GetFMUstate);
-  return fmi2_status(fmu_save(f, state, name));
-}
-
-FMI_EXPORT fmi2Status FMI(SetFMUstate)(void *instance, void *state)
-{
-  BEGIN(in_any, SetFMUstate);
-  return fmi2_status(fmu_restore(f, state, name));
-}
-
-FMI_EXPORT fmi2Status FMI(FreeFMUstate)(void *instance, void **state)
-{
-  BEGIN(in_any, FreeFMUstate);
-  if (!state) return fmi2_status(fmu_wrong(f, name, "the state is NULL"));
-  free(*state);
-  *state = NULL;
-  return fmi2OK;
-}
-
-FMI_EXPORT fmi2Status FMI(SerializedFMUstateSize)(void *instance, void *state, size_t *size)
-{
-  BEGIN(in_any, SerializedFMUstateSize);
-  if (!state || !size) return fmi2_status(fmu_wrong(f, name, "the state or the size is NULL"));
-  *size = fmu_bytes_size;
-  return fmi2OK;
-}
-
-FMI_EXPORT fmi2Status FMI(SerializeFMUstate)(void *instance, void *state, char bytes[], size_t size)
-{
-  BEGIN(in_any, SerializeFMUstate);
-  return fmi2_status(fmu_serialize(f, state, bytes, size, name));
-}
-
-FMI_EXPORT fmi2Status FMI(DeSerializeFMUstate)(void *instance, const char bytes[], size_t size, void **state)
-{
-  BEGIN(in_any, DeSerializeFMUstate);
-  return fmi2_status(fmu_deserialize(f, bytes, size, state, name));
-}
 
 FMI_EXPORT fmi2Status FMI(GetDirectionalDerivative)(void *instance, const fmu_reference unknowns[],
                                                     size_t unknown_count, const fmu_reference knowns[],

@@ -73,17 +73,6 @@ static void fmu_report(const fmu_host *host, int code, const char *text)
 )";
 
 const char* const fmi3_functions = R"(
-static fmi3Status fmi3_status(int code)
-{
-  return code == fmu_done ? fmi3OK : code == fmu_discarded ? fmi3Discard : fmi3Error;
-}
-
-/* Every function with an instance begins so. */
-#define BEGIN(modes, function) \
-  fmu_instance *const f = (fmu_instance *)instance; \
-  static const char name[] = "fmi3" #function; \
-  if (!f || !fmu_allowed(f, modes, name)) return fmi3Error
-
 FMI_EXPORT const char *FMI(GetVersion)(void)
 {
   return "3.0";
@@ -158,31 +147,6 @@ FMI_EXPORT fmi3Status FMI(EnterInitializationMode)(void *instance, bool has_tole
   (void)has_tolerance, (void)tolerance;
   if (!fmu_begin(f, start_s, has_stop, stop_s, name)) return fmi3Error;
   f->now.mode = in_initialization;
-  return fmi3OK;
-}
-
-FMI_EXPORT fmi3Status FMI(ExitInitializationMode)(void *instance)
-{
-  BEGIN(in_initialization, ExitInitializationMode);
-  (void)name;
-  fmu_evaluate(&f->now);
-  f->now.mode = in_steps;
-  return fmi3OK;
-}
-
-FMI_EXPORT fmi3Status FMI(Terminate)(void *instance)
-{
-  BEGIN(in_steps, Terminate);
-  (void)name;
-  f->now.mode = in_terminated;
-  return fmi3OK;
-}
-
-FMI_EXPORT fmi3Status FMI(Reset)(void *instance)
-{
-  BEGIN(in_any, Reset);
-  (void)name;
-  fmu_start(&f->now);
   return fmi3OK;
 }
 
@@ -283,47 +247,6 @@ FMI_EXPORT fmi3Status FMI(SetClock)(void *instance, const fmu_reference referenc
   BEGIN(in_any, SetClock);
   (void)references, (void)values;
   return count == 0 ? fmi3OK : fmi3_status(fmu_wrong(f, name, NO_CLOCKS));
-}
-
-FMI_EXPORT fmi3Status FMI(GetFMUState)(void *instance, void **state)
-{
-  BEGIN(in_any, GetFMUState);
-  return fmi3_status(fmu_save(f, state, name));
-}
-
-FMI_EXPORT fmi3Status FMI(SetFMUState)(void *instance, void *state)
-{
-  BEGIN(in_any, SetFMUState);
-  return fmi3_status(fmu_restore(f, state, name));
-}
-
-FMI_EXPORT fmi3Status FMI(FreeFMUState)(void *instance, void **state)
-{
-  BEGIN(in_any, FreeFMUState);
-  if (!state) return fmi3_status(fmu_wrong(f, name, "the state is NULL"));
-  free(*state);
-  *state = NULL;
-  return fmi3OK;
-}
-
-FMI_EXPORT fmi3Status FMI(SerializedFMUStateSize)(void *instance, void *state, size_t *size)
-{
-  BEGIN(in_any, SerializedFMUStateSize);
-  if (!state || !size) return fmi3_status(fmu_wrong(f, name, "the state or the size is NULL"));
-  *size = fmu_bytes_size;
-  return fmi3OK;
-}
-
-FMI_EXPORT fmi3Status FMI(SerializeFMUState)(void *instance, void *state, uint8_t bytes[], size_t size)
-{
-  BEGIN(in_any, SerializeFMUState);
-  return fmi3_status(fmu_serialize(f, state, bytes, size, name));
-}
-
-FMI_EXPORT fmi3Status FMI(DeserializeFMUState)(void *instance, const uint8_t bytes[], size_t size, void **state)
-{
-  BEGIN(in_any, DeserializeFMUState);
-  return fmi3_status(fmu_deserialize(f, bytes, size, state, name));
 }
 
 FMI_EXPORT fmi3Status FMI(DoStep)(void *instance, double time_s, double dt_s, bool no_way_back, bool *event,

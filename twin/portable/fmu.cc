@@ -1,5 +1,5 @@
-#include <cstdint>
-
+#include <boost/uuid/name_generator_sha1.hpp>
+#include <boost/uuid/uuid_io.hpp>
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/drive/configuration.hpp>
@@ -13,17 +13,12 @@
 namespace tribotwin::twin {
 namespace {
 
-std::uint64_t fnv_1a(const std::string& text, std::uint64_t hash) {
-  for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ULL;
-  return hash;
-}
-
-/// GUID and instantiation token: of the same content, the same.
+/// GUID and instantiation token: of the same content, the same (RFC 4122, version 5).
 std::string token_of(const std::vector<FmuFile>& files) {
-  std::uint64_t high = 14695981039346656037ULL, low = 0;
-  for (const FmuFile& file : files) high = fnv_1a(file.name + file.content, high), low = fnv_1a(file.content, low + 1);
-  return fmt::format("{{{:08x}-{:04x}-{:04x}-{:04x}-{:012x}}}", high >> 32, high >> 16 & 0xffff, high & 0xffff,
-                     low >> 48, low & 0xffffffffffff);
+  std::string all;
+  for (const FmuFile& file : files) all += file.name + file.content;
+  return fmt::format("{{{}}}",
+                     boost::uuids::to_string(boost::uuids::name_generator_sha1(boost::uuids::ns::oid())(all)));
 }
 
 /// The rows of fmu_variables in the C.
@@ -53,9 +48,14 @@ std::string start_values(const std::vector<FmuVariable>& variables) {
 std::string functions_of(const drive::Drive& d, const std::string& name, FmiVersion version) {
   const auto variables = fmu_variables(d);
   const bool heat = has_heat(d);
-  const std::string text = std::string(version == FmiVersion::two ? fmi2_types : fmi3_types) + fmu_core +
-                           (version == FmiVersion::two ? fmi2_functions : fmi3_functions);
-  return filled(text, {{"@VARIABLES@", variable_rows(variables)},
+  const bool two = version == FmiVersion::two;
+  const std::string text =
+      std::string(two ? fmi2_types : fmi3_types) + fmu_core + fmi_functions + (two ? fmi2_functions : fmi3_functions);
+  return filled(text, {{"@VERSION@", std::to_string(static_cast<int>(version))},
+                       {"@STATE@", two ? "FMUstate" : "FMUState"},
+                       {"@DESERIALIZE@", two ? "DeSerializeFMUstate" : "DeserializeFMUState"},
+                       {"@BYTE@", two ? "char" : "uint8_t"},
+                       {"@VARIABLES@", variable_rows(variables)},
                        {"@COUNT@", std::to_string(variables.size() - 1)},
                        {"@WARMTH@", heat ? "ambient" : "held"},
                        {"@START@", heat ? "start_degC, " : ""},
