@@ -18,7 +18,7 @@ int execute(Arguments a, const std::string& command_line) {
     throw twin::InputError(fmt::format("{}: a page is made of a store in a file, not in a database",
                                        twin::diagnosis::fleet::without_password(a.store)));
   if (!a.date.empty()) {
-    a.fleet.survey.time_s = twin::diagnosis::fleet::to_time(a.date);
+    a.fleet.survey.time_s = twin::to_time(a.date);
     if (!a.fleet.survey.time_s)
       throw twin::InputError(fmt::format("--date {}: write 2026-11-23 or 2026-11-23T08:17", a.date));
     if (a.date.size() == 10) *a.fleet.survey.time_s += 86399;  // the whole day

@@ -1,8 +1,6 @@
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <iterator>
 
 #include <fmt/format.h>
@@ -57,7 +55,9 @@ constexpr std::size_t curve_points = 200;
 
 /// The steady-state law of Zhou 2024 (11) with these features.
 double friction_nm(const Features& f, double speed_rad_s) {
-  return f[0] + (f[1] - f[0]) * std::exp(-std::pow(speed_rad_s / f[2], alpha)) + f[3] * std::pow(speed_rad_s, f[4]);
+  const friction::Law steady_state{.info = friction::find_law(law_name), .validity = friction::Validity::extrapolate};
+  const friction::Law law = friction::with_parameters(steady_state, std::array{f[0], f[1], f[2], alpha, f[3], f[4]});
+  return friction::level(law, friction::at_temperature(law, 0), speed_rad_s, 0).total();
 }
 
 /// Features of their logarithms (beta is not one).
@@ -96,23 +96,17 @@ Healthy healthy(const HealthyState& h, const Observation& o, auto of) {
   return {value, two_sided_95 * std::sqrt(std::max(0.0, slope.dot(healthy_covariance(h, o) * slope)))};
 }
 
+constexpr double day_s = 86400;
+
 /// Days since 1970-01-01 of the first date in a name, "joint3_2026-03-14.csv".
 std::optional<double> day_of(const std::string& name) {
-  for (std::size_t i = 0; i + 10 <= name.size(); ++i) {
-    int year = 0, month = 0, day = 0, length = 0;
-    if (std::sscanf(name.c_str() + i, "%4d-%2d-%2d%n", &year, &month, &day, &length) != 3 || length != 10) continue;
-    const std::chrono::year_month_day date{std::chrono::year(year), std::chrono::month(static_cast<unsigned>(month)),
-                                           std::chrono::day(static_cast<unsigned>(day))};
-    if (date.ok()) return std::chrono::sys_days(date).time_since_epoch().count();
-  }
+  for (std::size_t i = 0; i + 10 <= name.size(); ++i)
+    if (const auto time_s = twin::to_time(std::string_view(name).substr(i, 10)))
+      return static_cast<double>(*time_s) / day_s;
   return std::nullopt;
 }
 
-std::string date_text(double day) {
-  const std::chrono::year_month_day date{std::chrono::sys_days(std::chrono::days(std::llround(day)))};
-  return fmt::format("{:04}-{:02}-{:02}", static_cast<int>(date.year()), static_cast<unsigned>(date.month()),
-                     static_cast<unsigned>(date.day()));
-}
+std::string date_text(double day) { return twin::date_of(std::llround(day) * std::llround(day_s)); }
 
 /// The days of observations, in the order given; nothing, and why, where they have none or go back.
 std::vector<double> days_of(DiagnosisData& d) {

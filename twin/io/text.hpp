@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <optional>
@@ -27,6 +28,11 @@ std::string printable(std::string_view text);
 std::string joined(std::span<const std::string> texts, std::string_view separator = ", ");
 std::string joined(std::span<const std::string_view> texts, std::string_view separator = ", ");
 std::string joined(std::span<const double> numbers, std::string_view separator = ", ");
+
+/// Seconds since 1970-01-01 of 2026-11-23, 2026-11-23T08:17 or 2026-11-23 08:17:21 (UTC, also with Z); and back, with
+/// the time of the day where it is not midnight.
+std::optional<std::int64_t> to_time(std::string_view text);
+std::string date_of(std::int64_t time_s);
 
 /// Why `name` cannot name a new file or folder; nothing where it can. A name is one component of a path, of 1 to 200
 /// bytes, neither "." nor "..", without control characters. Every name that a user's file gives to a file is checked

@@ -18,7 +18,7 @@ using twin::diagnosis::feature_count;
 constexpr const char* feature_names[] = {"ln Fc", "ln Fs", "ln Vs", "ln Fv", "beta"};
 
 Axis days_axis(std::int64_t end_s) {
-  return {.quantity = "days to " + date_of(end_s), .unit = "", .from = {}, .to = {}};
+  return {.quantity = "days to " + twin::date_of(end_s), .unit = "", .from = {}, .to = {}};
 }
 double day_before(double day, std::int64_t end_s) {
   return std::floor(day) - std::floor(static_cast<double>(end_s) / 86400);
@@ -130,7 +130,7 @@ std::optional<Drawing> cusum_over_days(const Detail& d, std::int64_t end_s, std:
   if (since_s) {
     const double x = day_before(static_cast<double>(*since_s) / 86400, end_s);
     f.series.push_back({.mark = Mark::reference, .label = "listed since", .x = {x, x}, .y = {0, top}, .stroke = 1});
-    caption += fmt::format(" Listed by the chart since {}.", date_of(*since_s));
+    caption += fmt::format(" Listed by the chart since {}.", twin::date_of(*since_s));
   } else {
     caption += " The chart does not list this joint.";
   }

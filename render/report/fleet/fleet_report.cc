@@ -91,7 +91,7 @@ class Writer {
                          d_.listed.size() == 1 ? "needs" : "need");
       text += fmt::format("{}{}, friction {:+.1f} %, {}, q {}", d_.listed.size() > 1 ? "first " : "", name_of(l),
                           100 * f.friction_change, cause_of(f), q_text(l.q));
-      if (l.since_s) text += ", since " + date_of(*l.since_s);
+      if (l.since_s) text += ", since " + twin::date_of(*l.since_s);
     }
     text += fmt::format(". False-discovery rate {}", percent_of(rate()));
     if (const std::size_t check = o_.check.listed.size(), watch = o_.watch.listed.size(); check + watch > 0)
@@ -107,11 +107,11 @@ class Writer {
     auto to = page_.body();
     page_.add(to, "h1", title());
     page_.add(to, "p", verdict(), "verdict").append_attribute("id") = "verdict";
-    page_.add(
-        to, "p",
-        fmt::format("The {:g} days to {}; {} of {} robots. tribotwin {}.", d_.options.survey.days,
-                    date_of(o_.check.time_s), joints_text(o_.joints.size()), robots(), twin::program::version_number()),
-        "soft");
+    page_.add(to, "p",
+              fmt::format("The {:g} days to {}; {} of {} robots. tribotwin {}.", d_.options.survey.days,
+                          twin::date_of(o_.check.time_s), joints_text(o_.joints.size()), robots(),
+                          twin::program::version_number()),
+              "soft");
     const auto box_of = [&] { return page_.add(page_.body(), "div", {}, "notice"); };
     std::optional<pugi::xml_node> box;
     const auto say = [&](const std::string& text) {
@@ -152,7 +152,7 @@ class Writer {
         rows.push_back({fmt::format("{}", rows.size() + 1), l.joint.robot, l.joint.joint,
                         fmt::format("{:+.1f}\u00a0%", 100 * f.friction_change), std::string(f.pattern), severity_of(f),
                         fmt::format("{:.3f} ({:.3f} … {:.3f})", f.margin, f.margin_low, f.margin_high), q_text(l.q),
-                        l.since_s ? date_of(*l.since_s) : "–",
+                        l.since_s ? twin::date_of(*l.since_s) : "–",
                         by_check && by_watch ? "both"
                         : by_check           ? "check"
                                              : "watch",
@@ -236,7 +236,7 @@ class Writer {
     page_.add(to, "h2", "Earlier checks");
     std::vector<std::vector<std::string>> rows;
     for (auto c = o_.past.rbegin(); c != o_.past.rend() && rows.size() < shown_checks; ++c)
-      rows.push_back({date_of(c->time_s), c->kind, fmt::format("{}", c->judged), fmt::format("{}", c->listed),
+      rows.push_back({twin::date_of(c->time_s), c->kind, fmt::format("{}", c->judged), fmt::format("{}", c->listed),
                       percent_of(c->rate)});
     page_.add_table(to, {"to", "kind", "judged", "listed", "false-discovery rate"}, rows);
     if (o_.past.size() > shown_checks)
@@ -250,8 +250,9 @@ class Writer {
     auto items = page_.add(to, "ul");
     for (std::size_t i = 0; i < std::min(o_.notes.size(), shown_notes); ++i) {
       const auto& n = o_.notes[i];
-      page_.add(items, "li",
-                n.robot.empty() ? n.text : fmt::format("{} {}, {}: {}", n.robot, n.joint, date_of(n.time_s), n.text));
+      page_.add(
+          items, "li",
+          n.robot.empty() ? n.text : fmt::format("{} {}, {}: {}", n.robot, n.joint, twin::date_of(n.time_s), n.text));
     }
     if (o_.notes.size() > shown_notes)
       page_.add(to, "p", fmt::format("The first {} of {}.", shown_notes, o_.notes.size()), "soft");

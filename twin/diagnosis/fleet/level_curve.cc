@@ -1,12 +1,10 @@
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <numeric>
 
 #include <fmt/format.h>
 
-#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/diagnosis/fleet/level_curve.hpp>
 #include <tribotwin/twin/identification/samples/samples.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
@@ -182,42 +180,6 @@ Observation observed(const LevelCurve& c, double load_sensitivity) {
 }
 
 }  // namespace
-
-std::optional<std::int64_t> to_time(std::string_view text) {
-  const auto digits = [&](std::size_t at, std::size_t count) -> std::optional<unsigned> {
-    return at + count <= text.size() ? to_integer<unsigned>(text.substr(at, count)) : std::nullopt;
-  };
-  const auto is = [&](std::size_t at, std::string_view any) {
-    return at < text.size() && any.find(text[at]) != any.npos;
-  };
-  const auto year = digits(0, 4), month = digits(5, 2), day = digits(8, 2);
-  if (!year || !month || !day || !is(4, "-") || !is(7, "-")) return std::nullopt;
-  const std::chrono::year_month_day date{std::chrono::year(static_cast<int>(*year)), std::chrono::month(*month),
-                                         std::chrono::day(*day)};
-  if (!date.ok()) return std::nullopt;
-  std::int64_t seconds = std::chrono::sys_days(date).time_since_epoch().count() * std::int64_t{86400};
-  if (text.size() == 10) return seconds;
-  if (text.back() == 'Z') text.remove_suffix(1);
-  const auto hour = digits(11, 2), minute = digits(14, 2);
-  // In the names of files a colon is often a dash.
-  if (!hour || !minute || *hour > 23 || *minute > 59 || !is(10, "T _") || !is(13, ":-")) return std::nullopt;
-  seconds += *hour * 3600 + *minute * 60;
-  if (text.size() == 16) return seconds;
-  const auto second = digits(17, 2);
-  if (!second || *second > 59 || !is(16, ":-") || text.size() != 19) return std::nullopt;
-  return seconds + *second;
-}
-
-std::string date_of(std::int64_t time_s) {
-  const std::chrono::sys_seconds time{std::chrono::seconds(time_s)};
-  const auto days = std::chrono::floor<std::chrono::days>(time);
-  const std::chrono::year_month_day date(days);
-  const auto rest = (time - days).count();
-  std::string s = fmt::format("{:04}-{:02}-{:02}", static_cast<int>(date.year()), static_cast<unsigned>(date.month()),
-                              static_cast<unsigned>(date.day()));
-  if (rest) s += fmt::format("T{:02}:{:02}:{:02}", rest / 3600, rest / 60 % 60, rest % 60);
-  return s;
-}
 
 std::string name_of(const Key& k) {
   return fmt::format("robot {}, joint {}, {}{}", k.robot, k.joint, date_of(k.time_s),

@@ -1,11 +1,11 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include <tribotwin/twin/diagnosis/observation.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 /// One friction curve of one joint of one robot on one date, as measured.
 namespace tribotwin::twin::diagnosis::fleet {
@@ -19,11 +19,6 @@ struct Key {
 };
 /// "robot R7, joint joint3, 2026-11-23, curve 1"
 std::string name_of(const Key& key);
-
-/// Seconds since 1970-01-01 of 2026-11-23, 2026-11-23T08:17 or 2026-11-23 08:17:21 (UTC, also with Z); and back, with
-/// the time of the day where it is not midnight.
-std::optional<std::int64_t> to_time(std::string_view text);
-std::string date_of(std::int64_t time_s);
 
 /// Columns of equal length, speeds and friction >= 0.
 struct LevelCurve {
