@@ -3,28 +3,16 @@
 #include <limits>
 
 #include <tribotwin/render/pose/moment.hpp>
+#include <tribotwin/twin/numerics/interpolation.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
 
 namespace tribotwin::render {
-namespace {
-
-/// Half of the differences are not above it.
-double usual_step(const std::vector<double>& time) {
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
-  if (steps.empty()) return 0;
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-  std::ranges::nth_element(steps, middle);
-  return *middle;
-}
-
-}  // namespace
-
 Moments::Moments(const mujoco::Model& model, const twin::Recording& record)
     : model_(model),
       record_(record),
       rest_(rest(model)),
-      step_s_(usual_step(record.time_s)),
-      period_s_(usual_step(record.cycle_time_s)) {}
+      step_s_(twin::identification::median_step(record.time_s)),
+      period_s_(twin::identification::median_step(record.cycle_time_s)) {}
 
 bool Moments::around(double time_s, Sampled& found) const {
   const auto& time = record_.time_s;
@@ -61,10 +49,7 @@ double Moments::cycle_temperature(const std::string& joint, double time_s) const
   const auto& time = record_.cycle_time_s;
   const auto values = record_.channel(joint, "cycle_temperature_degC");
   if (values.size() != time.size() || time.empty()) return std::numeric_limits<double>::quiet_NaN();
-  const auto after = static_cast<std::size_t>(std::ranges::lower_bound(time, time_s) - time.begin());
-  if (after == 0 || after >= values.size()) return values[std::min(after, values.size() - 1)];
-  const double w = (time_s - time[after - 1]) / (time[after] - time[after - 1]);
-  return (1 - w) * values[after - 1] + w * values[after];
+  return twin::between_samples(time, values, time_s);
 }
 
 PoseState Moments::at(double time_s) const {

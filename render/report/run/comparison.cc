@@ -12,6 +12,7 @@
 #include <tribotwin/render/report/run/run_summary.hpp>
 #include <tribotwin/render/report/run/traces.hpp>
 #include <tribotwin/render/report/run/transmissions.hpp>
+#include <tribotwin/twin/numerics/interpolation.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -119,13 +120,11 @@ std::vector<Trace> differences(const std::vector<Trace>& traces) {
   const Trace& first = traces.front();
   for (std::size_t r = 1; r < traces.size(); ++r) {
     Trace d{traces[r].label + " − " + first.label, {}, {}, traces[r].stroke};
-    for (std::size_t i = 0, k = 0; i < traces[r].time_s.size(); ++i) {
+    for (std::size_t i = 0; i < traces[r].time_s.size(); ++i) {
       const double t = traces[r].time_s[i];
-      while (k + 1 < first.time_s.size() && first.time_s[k + 1] < t) ++k;
-      if (k + 1 >= first.time_s.size() || t < first.time_s[k]) continue;
-      const double w = (t - first.time_s[k]) / (first.time_s[k + 1] - first.time_s[k]);
+      if (t < first.time_s.front() || t > first.time_s.back()) continue;
       d.time_s.push_back(t);
-      d.values.push_back(traces[r].values[i] - ((1 - w) * first.values[k] + w * first.values[k + 1]));
+      d.values.push_back(traces[r].values[i] - twin::between_samples(first.time_s, first.values, t));
     }
     if (any_finite(d)) all.push_back(std::move(d));
   }

@@ -16,12 +16,6 @@ constexpr double windows = 200;  ///< of a run whose motion does not repeat
 /// A cycle of fewer samples says little about its root mean square.
 constexpr double samples_min = 20;
 
-double usual_step(std::span<const double> time) {
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
-  return steps.empty() ? std::numeric_limits<double>::quiet_NaN() : twin::identification::median_of(std::move(steps));
-}
-
 double window_of(const RunData& run) { return (run.record.time_s.back() - run.record.time_s.front()) / windows; }
 
 double rms(std::span<const double> values) {
@@ -40,7 +34,8 @@ std::vector<CompleteCycle> complete_cycles(const RunData& run) {
   std::vector<CompleteCycle> all;
   if (!has_cycles(run) || run.record.time_s.size() < 3) return all;
   const auto& time = run.record.time_s;
-  const double period_s = usual_step(run.record.cycle_time_s), step_s = usual_step(time);
+  const double period_s = twin::identification::median_step(run.record.cycle_time_s),
+               step_s = twin::identification::median_step(time);
   const double expected = period_s / step_s;
   if (!(expected >= samples_min)) return all;
   std::size_t begin = 0;

@@ -8,6 +8,7 @@
 
 #include <tribotwin/render/report/run/cycles.hpp>
 #include <tribotwin/render/report/run/histories.hpp>
+#include <tribotwin/render/report/run/run_summary.hpp>
 #include <tribotwin/render/report/run/traces.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -36,14 +37,12 @@ std::optional<Drawing> drawing(const Axis& axis, const std::vector<Trace>& trace
   return Drawing{history("", axis, traces), std::move(caption)};
 }
 
-/// The joint whose temperature rose most, by more than 1 K.
+/// Its samples; nullptr where no joint warmed, or it has no temperatures.
 const JointHistory* most_warmed(const RunData& run) {
-  const JointHistory* best = nullptr;
-  double rise_max = 1;
-  for (const auto& j : run.joints)
-    if (j.moved && !j.temperature_degC.empty() && j.temperature_degC.back() - j.temperature_degC.front() > rise_max)
-      rise_max = j.temperature_degC.back() - j.temperature_degC.front(), best = &j;
-  return best;
+  const auto joints = joint_summaries(run);
+  const JointSummary* hot = most_warmed(run, joints);
+  const auto joint = hot ? std::ranges::find(run.joints, hot->name, &JointHistory::name) : run.joints.end();
+  return joint == run.joints.end() || joint->temperature_degC.empty() ? nullptr : &*joint;
 }
 
 /// The edge of a law's range that a joint's temperature crosses, and when.
@@ -55,8 +54,8 @@ struct Crossing {
 /// Of the joint that warms most: below the edge its friction is that at the edge.
 std::optional<Crossing> crossing(const RunData& run) {
   const JointHistory* joint = most_warmed(run);
-  const auto index = joint && run.model() ? twin::find_drive(*run.model(), joint->name)
-                                          : tl::unexpected(Error("without a model no law is known"));
+  if (!joint || !run.model()) return std::nullopt;
+  const auto index = twin::find_drive(*run.model(), joint->name);
   if (!index) return std::nullopt;
   const auto& law = run.model()->drives()[*index].drive.law;
   const double edge = law.range.temperature_min_degC;

@@ -13,7 +13,6 @@
 namespace tribotwin::render {
 namespace {
 
-constexpr double warmed_K = 1;          ///< less is no warm-up
 constexpr double watched_share = 0.05;  ///< of friction: more is amber
 constexpr double same_share = 0.005;    ///< of friction: less would be written as 0 %
 
@@ -26,19 +25,6 @@ std::pair<const char*, double> energy_unit(double joule) {
 std::string energy(double joule) {
   const auto [unit, size] = energy_unit(joule);
   return shown(joule / size, fmt::format("{{:.3g}} {}", unit).c_str());
-}
-
-/// The joint that warmed most, of those that moved.
-const JointSummary* warmed(const RunData& run, const std::vector<JointSummary>& joints) {
-  const JointSummary* best = nullptr;
-  for (const auto& j : joints) {
-    const auto history = std::ranges::find(run.joints, j.name, &JointHistory::name);
-    if (history != run.joints.end() && !history->moved) continue;
-    if (std::isfinite(j.end_degC - j.start_degC) &&
-        (!best || j.end_degC - j.start_degC > best->end_degC - best->start_degC))
-      best = &j;
-  }
-  return best && best->end_degC - best->start_degC > warmed_K ? best : nullptr;
 }
 
 struct Change {
@@ -61,7 +47,7 @@ std::optional<Change> friction_change(const RunData& run, const std::string& nam
 }
 
 std::string sentence(const RunData& run, const std::vector<JointSummary>& joints) {
-  const JointSummary* hot = warmed(run, joints);
+  const JointSummary* hot = most_warmed(run, joints);
   if (!hot) {
     const double work = number(run.summary, {"friction_work_J"}), motor = number(run.summary, {"motor_work_J"});
     return "No joint warms by more than 1 K" +
@@ -95,7 +81,7 @@ std::vector<Tile> tiles_of(const RunData& run, const std::vector<JointSummary>& 
     tiles.push_back({"friction and heat", "guessed",
                      fmt::format("of {} of {} joints: starting points of a gear class", guessed, joints.size()),
                      "bad"});
-  const JointSummary* hot = warmed(run, joints);
+  const JointSummary* hot = most_warmed(run, joints);
   if (const auto friction = hot ? friction_change(run, hot->name) : std::nullopt)
     tiles.push_back({fmt::format("{}, {}", friction->what, hot->name),
                      fmt::format("{:.3g} → {:.3g} {}", friction->from, friction->to, friction->unit),

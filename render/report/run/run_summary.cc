@@ -77,6 +77,18 @@ const JointSummary* warmest(const std::vector<JointSummary>& joints) {
   return best;
 }
 
+const JointSummary* most_warmed(const RunData& run, const std::vector<JointSummary>& joints) {
+  const JointSummary* best = nullptr;
+  double rise_max_K = 1;  // less is no warm-up
+  for (const auto& j : joints) {
+    const auto history = std::ranges::find(run.joints, j.name, &JointHistory::name);
+    const bool moved = history == run.joints.end() || history->moved;
+    const double rise_K = j.end_degC - j.start_degC;
+    if (moved && std::isfinite(rise_K) && rise_K > rise_max_K) rise_max_K = rise_K, best = &j;
+  }
+  return best;
+}
+
 double computed_s(const RunData& run) {
   return number(run.summary, {"simulated_s"}) * number(run.summary, {"steps_computed"}) /
          number(run.summary, {"steps"});

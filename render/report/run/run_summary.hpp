@@ -27,6 +27,8 @@ struct JointSummary {
 std::vector<JointSummary> joint_summaries(const RunData& run);
 /// nullptr where no temperature is known.
 const JointSummary* warmest(const std::vector<JointSummary>& joints);
+/// The joint that warmed most, by more than 1 K, of those that moved; nullptr where none did.
+const JointSummary* most_warmed(const RunData& run, const std::vector<JointSummary>& joints);
 /// Time that was computed step by step [s]; NaN without a summary.
 double computed_s(const RunData& run);
 /// NaN where neither the summary nor the samples say so.
