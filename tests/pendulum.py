@@ -1,5 +1,9 @@
-"""The smallest model with a drive, in numbers near mjcf/xl330_pendulum.xml: its friction depends on load. Found as
-harness.py is."""
+"""The smallest model with a drive, in numbers near mjcf/xl330_pendulum.xml: its friction depends on load; and
+recordings of it. Found as harness.py is."""
+import json, math
+
+from harness import path
+
 PENDULUM = """<mujoco model="pendulum">
   <extension><plugin plugin="tribotwin.drive"><instance name="servo">
     <config key="law" value="load"/> <config key="Fc0" value="0.03"/> <config key="Fcl" value="0.3"/>
@@ -19,3 +23,20 @@ PENDULUM = """<mujoco model="pendulum">
   <actuator><plugin name="servo" joint="hinge" plugin="tribotwin.drive" instance="servo" actdim="3"/></actuator>
 </mujoco>
 """
+
+
+def write_recordings():
+    """made_200.json, made_300.json, made_400.json: one motion with three gains, 10 % less wide and 50 ms late."""
+    times = [0.01 * i for i in range(200)]
+    for kp in (200, 300, 400):
+        entries = [
+            {
+                "timestamp": t,
+                "goal_position": 0.6 * math.sin(3 * t),
+                "position": 0.54 * math.sin(3 * (t - 0.05)),
+                "temp": 30,
+            }
+            for t in times
+        ]
+        with open(path("made_%d.json" % kp), "w") as f:
+            json.dump({"kp": kp, "trajectory": "sine", "entries": entries}, f)

@@ -3,12 +3,11 @@ source tree; kills of the job (default 3), tasks of the job that is killed (defa
 import glob, json, os, random, re, shutil, signal, sqlite3, subprocess, sys, time
 
 import h5py
-import numpy as np
 
 import harness
 from fleet_plant import Plant
 from harness import OF_THE_CLOCK, MPI_ENVIRONMENT as environment, check, content, finish, path, work
-from pendulum import PENDULUM
+from pendulum import PENDULUM, write_recordings
 
 program, source = sys.argv[1], sys.argv[2]
 kills, tasks, seed = (int(x) for x in (sys.argv[3:] + ["3", "80", "1"][len(sys.argv) - 3 :]))
@@ -62,13 +61,7 @@ write(
     "design: {type: sobol, runs: 40}\noutputs: [heat_J]\nbands: {telemetry: [hinge.friction_nm], times: 5}\n"
     "stop: {failures: 3}\n",
 )
-t = np.arange(0, 2, 0.01)
-for kp in (200, 300, 400):
-    entries = [
-        {"timestamp": x, "goal_position": 0.6 * np.sin(3 * x), "position": 0.54 * np.sin(3 * (x - 0.05)), "temp": 30}
-        for x in t
-    ]
-    write("made_%d.json" % kp, json.dumps({"kp": kp, "trajectory": "sine", "entries": entries}))
+write_recordings()
 write(
     "fit.yaml",
     """recordings: {files: made_*.json}

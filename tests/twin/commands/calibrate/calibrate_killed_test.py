@@ -1,13 +1,11 @@
 """tribotwin calibrate, killed (-9) again and again: the same command goes on, no simulation that was finished is made
 twice, and the results are those of an undisturbed run. Arguments: program; kills of each search (default 8); with
 "mpirun", also of ranks."""
-import collections, json, os, random, signal, struct, subprocess, sys, time
-
-import numpy as np
+import collections, os, random, signal, struct, subprocess, sys, time
 
 import harness
 from harness import check, check_refused, content, finish, path, work
-from pendulum import PENDULUM
+from pendulum import PENDULUM, write_recordings
 
 program, kills, mpirun = sys.argv[1], int((sys.argv[2:] + ["8"])[0]), sys.argv[3:]
 FIRST_LINE = b"tribotwin, finished tasks of unfinished work, 1\n"
@@ -103,13 +101,7 @@ def linked(process, folder, name):
 
 
 write("pendulum.xml", PENDULUM)
-t = np.arange(0, 2, 0.01)
-for kp in (200, 300, 400):
-    entries = [
-        {"timestamp": x, "goal_position": 0.6 * np.sin(3 * x), "position": 0.54 * np.sin(3 * (x - 0.05)), "temp": 30}
-        for x in t
-    ]
-    write("made_%d.json" % kp, json.dumps({"kp": kp, "trajectory": "sine", "entries": entries}))
+write_recordings()
 FIT = """recordings: {files: made_*.json}
 hold_out: {folds: by gain}
 search: {starts: 2, evaluations: 120, method: %s}
