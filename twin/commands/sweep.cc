@@ -13,6 +13,7 @@
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/experiments/sweep/batch_job.hpp>
 #include <tribotwin/twin/experiments/sweep/sweep.hpp>
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
@@ -67,20 +68,16 @@ struct Sample {
 /// Run 0, to time it; keeps nothing.
 Sample sample_of(const sweep::Plan& plan) {
   namespace fs = std::filesystem;
-  std::string folder;
-  if (plan.telemetry) {
-    folder = (fs::temp_directory_path() / "tribotwin-sweep-XXXXXX").string();
-    if (!::mkdtemp(folder.data())) throw std::runtime_error(fmt::format("{}: cannot be created", folder));
-  }
+  std::optional<TemporaryFolder> telemetry;
+  if (plan.telemetry && telemetry.emplace("tribotwin-sweep").path().empty())
+    throw std::runtime_error("a temporary folder for the telemetry cannot be created");
   const auto start = std::chrono::steady_clock::now();
-  const auto made = sweep::make_run(plan, 0, &interrupted(), folder);
+  const auto made = sweep::make_run(plan, 0, &interrupted(), telemetry ? telemetry->path() : fs::path());
   const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - start;
   Sample sample{.one_s = spent.count()};
-  if (plan.telemetry) {
-    for (const auto& file : fs::directory_iterator(folder))
+  if (telemetry)
+    for (const auto& file : fs::directory_iterator(telemetry->path()))
       sample.record_MB += static_cast<double>(file.file_size()) / 1e6;
-    fs::remove_all(folder);
-  }
   sample.made = or_throw(made);
   rusage usage{};
   ::getrusage(RUSAGE_SELF, &usage);

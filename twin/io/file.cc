@@ -2,6 +2,7 @@
 #include <cerrno>
 #include <cstdint>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <iterator>
@@ -254,6 +255,17 @@ Status sync_folder(const fs::path& folder) {
   const int error = ::fsync(entries) == 0 ? 0 : errno;
   if (error == 0 || error == EINVAL || error == EROFS || error == ENOTSUP) return {};
   return work_failed(fmt::format("{}: cannot be forced to disk ({})", folder.string(), std::strerror(error)));
+}
+
+TemporaryFolder::TemporaryFolder(std::string_view name) {
+  std::error_code error;
+  std::string pattern = (fs::temp_directory_path(error) / fmt::format("{}-XXXXXX", name)).string();
+  if (!error && ::mkdtemp(pattern.data())) path_ = pattern;
+}
+
+TemporaryFolder::~TemporaryFolder() {
+  std::error_code ignored;
+  if (!path_.empty()) fs::remove_all(path_, ignored);
 }
 
 }  // namespace tribotwin::twin

@@ -85,4 +85,17 @@ std::filesystem::path free_name(const std::filesystem::path& name);
 /// Forces a folder's entries to disk, where the file system can do that for folders.
 Result<void> sync_folder(const std::filesystem::path& folder);
 
+/// A new folder below the system's temporary one, "NAME-XXXXXX"; it is removed with what is in it.
+class TemporaryFolder {
+ public:
+  explicit TemporaryFolder(std::string_view name);
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  ~TemporaryFolder();
+  /// Empty where it cannot be made.
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
 }  // namespace tribotwin::twin

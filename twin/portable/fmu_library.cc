@@ -1,7 +1,5 @@
 #include <cerrno>
-#include <cstdlib>
 #include <cstring>
-#include <filesystem>
 #include <fstream>
 
 #include <fcntl.h>
@@ -10,32 +8,11 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/portable/fmu.hpp>
 
 namespace tribotwin::twin {
 namespace {
-
-namespace fs = std::filesystem;
-
-/// A folder that is removed with what is in it.
-class Workplace {
- public:
-  Workplace() {
-    std::error_code none;
-    std::string name = (fs::temp_directory_path(none) / "tribotwin-fmu-XXXXXX").string();
-    if (!none && ::mkdtemp(name.data())) path_ = name;
-  }
-  Workplace(const Workplace&) = delete;
-  ~Workplace() {
-    std::error_code ignored;
-    if (!path_.empty()) fs::remove_all(path_, ignored);
-  }
-  bool exists() const { return !path_.empty(); }
-  std::string file(const std::string& name) const { return (path_ / name).string(); }
-
- private:
-  fs::path path_;
-};
 
 std::string bytes_of(const std::string& file) {
   std::ifstream in(file, std::ios::binary);
@@ -76,15 +53,16 @@ std::string fmu_library_name(const std::string& name, FmiVersion version) {
 }
 
 Result<std::string> fmu_library(const std::vector<FmuFile>& files, const std::string& name, FmiVersion version) {
-  const Workplace place;
-  if (!place.exists()) return work_failed("a temporary folder for the compiler cannot be created");
-  const std::string sources = "sources/", result = place.file(name + ".so"), messages = place.file("messages");
+  const TemporaryFolder folder("tribotwin-fmu");
+  if (folder.path().empty()) return work_failed("a temporary folder for the compiler cannot be created");
+  const auto in_folder = [&](const std::string& file) { return (folder.path() / file).string(); };
+  const std::string sources = "sources/", result = in_folder(name + ".so"), messages = in_folder("messages");
   std::vector<std::string> command{"",      "-std=c99", "-O2", "-ffp-contract=off",
                                    "-fPIC", "-shared",  "-s",  "-fvisibility=hidden"};
   command.push_back(fmt::format("-DFMI{}_OVERRIDE_FUNCTION_PREFIX", static_cast<int>(version)));
   for (const FmuFile& file : files) {
     if (!file.name.starts_with(sources) || !file.name.ends_with(".c")) continue;
-    command.push_back(place.file(file.name.substr(sources.size())));
+    command.push_back(in_folder(file.name.substr(sources.size())));
     std::ofstream out(command.back(), std::ios::binary);
     out << file.content;
     if (!out.flush()) return work_failed(fmt::format("{}: cannot be written", command.back()));

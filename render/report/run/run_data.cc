@@ -3,10 +3,10 @@
 #include <iterator>
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <tribotwin/render/report/run/run_data.hpp>
 #include <tribotwin/render/theme/theme.hpp>
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -58,14 +58,13 @@ void add_joints(RunData& run) {
 
 /// What of a record is proven, from a copy of it; the sentence about its damage.
 std::string take_part(RunData& run, const fs::path& telemetry, const std::string& why) {
-  std::string pattern = (fs::temp_directory_path() / "tribotwin-report-XXXXXX").string();
-  if (!::mkdtemp(pattern.data())) return why;
-  const fs::path copy = pattern;
+  const twin::TemporaryFolder folder("tribotwin-report");
+  const fs::path& copy = folder.path();
+  if (copy.empty()) return why;
   std::error_code error;
   fs::copy_file(telemetry, copy / "telemetry.h5", error);
   const auto recovered = error ? tl::unexpected(Error(error.message())) : twin::recover(copy);
   auto record = recovered ? twin::read_telemetry(copy / "telemetry.h5") : tl::unexpected(recovered.error());
-  fs::remove_all(copy, error);
   if (!record || record->time_s.empty()) return why + "; no part of it can be read";
   run.record = std::move(*record);
   return fmt::format(
