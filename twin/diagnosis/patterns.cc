@@ -5,6 +5,7 @@
 
 #include <tribotwin/twin/diagnosis/patterns.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/numerics/search.hpp>
 
 namespace tribotwin::twin::diagnosis {
 namespace {
@@ -188,17 +189,10 @@ Explanation explained(const Pattern& p, const HealthyState& h, const Likelihood&
       logs.push_back(density(s));
       if (logs.size() == 1 || logs.back() > maximum) maximum = logs.back(), best.severity = s;
     }
-  // Between its neighbours on the grid, by golden section.
-  const double step = std::pow(p.maximum / p.minimum, 1 / (severities - 1.0)), golden = std::numbers::phi - 1;
-  double low = best.severity / step, high = best.severity * step;
-  for (int i = 0; i < 20; ++i) {
-    const double a = high - golden * (high - low), b = low + golden * (high - low);
-    if (density(a) < density(b))
-      low = a;
-    else
-      high = b;
-  }
-  best.severity = (low + high) / 2;
+  // Between its neighbours on the grid.
+  const double step = std::pow(p.maximum / p.minimum, 1 / (severities - 1.0));
+  const auto [low, high] = std::minmax({best.severity / step, best.severity * step});
+  best.severity = golden_section(density, low, high, 1e-4 * (high - low));
   best.misfit = likelihood.misfit(p.footprint(h, best.severity));
   double mean = 0;
   for (const double l : logs) mean += std::exp(l - maximum) / static_cast<double>(logs.size());

@@ -4,6 +4,7 @@
 #include <exception>
 #include <functional>
 #include <limits>
+#include <numbers>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -108,6 +109,24 @@ inline Minimum answered(Search search, const std::function<double(const Eigen::V
     search.answer(std::move(tried));
   }
   return search.outcome();
+}
+
+/// Where a function with one maximum between `low` and `high` is largest, to `precision` (above 0).
+template <class Function>
+double golden_section(const Function& value, double low, double high, double precision) {
+  constexpr double golden = std::numbers::phi - 1;
+  double a = high - golden * (high - low), b = low + golden * (high - low);
+  double at_a = value(a), at_b = value(b);
+  while (high - low > precision) {
+    if (at_a < at_b) {
+      low = a, a = b, at_a = at_b;
+      at_b = value(b = low + golden * (high - low));
+    } else {
+      high = b, b = a, at_b = at_a;
+      at_a = value(a = high - golden * (high - low));
+    }
+  }
+  return (low + high) / 2;
 }
 
 }  // namespace tribotwin::twin

@@ -12,15 +12,11 @@ constexpr int sweeps = 12;  ///< of Jacobi's rotations; 4 do from far away
 
 /// Of a positive definite matrix; empty otherwise.
 SmallMatrix lower_root(const SmallMatrix& A) {
-  SmallMatrix L = SmallMatrix::Zero(A.rows(), A.rows());
-  for (Index i = 0; i < A.rows(); ++i)
-    for (Index k = 0; k <= i; ++k) {
-      double rest = A(i, k);
-      for (Index l = 0; l < k; ++l) rest -= L(i, l) * L(k, l);
-      if (i == k && !(rest > 1e-12 * A(i, i))) return {};
-      L(i, k) = i == k ? std::sqrt(rest) : rest / L(k, k);
-    }
-  return L;
+  const Eigen::LLT<SmallMatrix> factor(A);
+  const SmallMatrix L = factor.matrixL();
+  const bool definite =
+      factor.info() == Eigen::Success && (L.diagonal().array().square() > 1e-12 * A.diagonal().array()).all();
+  return definite ? L : SmallMatrix();
 }
 
 constexpr std::array<std::size_t, 2> first_root{0, 6};
@@ -50,16 +46,7 @@ SmallMatrix root_of(const Row& row, std::size_t region) {
 }
 
 SmallMatrix lower_inverse(const SmallMatrix& L) {
-  SmallMatrix out = SmallMatrix::Zero(L.rows(), L.rows());
-  for (Index k = 0; k < L.rows(); ++k) {
-    out(k, k) = 1 / L(k, k);
-    for (Index i = k + 1; i < L.rows(); ++i) {
-      double sum = 0;
-      for (Index l = k; l < i; ++l) sum += L(i, l) * out(l, k);
-      out(i, k) = -sum / L(i, i);
-    }
-  }
-  return out;
+  return L.triangularView<Eigen::Lower>().solve(SmallMatrix::Identity(L.rows(), L.rows()));
 }
 
 void MeanClaim::add(const Row& row, std::size_t region) {

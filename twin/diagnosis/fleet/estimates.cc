@@ -4,6 +4,7 @@
 #include <tribotwin/twin/diagnosis/fleet/claims.hpp>
 #include <tribotwin/twin/diagnosis/fleet/estimates.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
+#include <tribotwin/twin/numerics/search.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
 namespace {
@@ -228,23 +229,10 @@ struct Sample {
   }
 };
 
-/// Where a function of ln lambda is largest, by golden section: the likelihood has one maximum.
+/// Of ln lambda.
 template <class Function>
 double most_likely(const Function& likelihood, double precision) {
-  constexpr double golden = 0.61803398874989485;
-  double low = std::log(1e-3), high = std::log(1e3);
-  double a = high - golden * (high - low), b = low + golden * (high - low);
-  double at_a = likelihood(a), at_b = likelihood(b);
-  while (high - low > precision) {
-    if (at_a < at_b) {
-      low = a, a = b, at_a = at_b;
-      at_b = likelihood(b = low + golden * (high - low));
-    } else {
-      high = b, b = a, at_b = at_a;
-      at_a = likelihood(a = high - golden * (high - low));
-    }
-  }
-  return (low + high) / 2;
+  return golden_section(likelihood, std::log(1e-3), std::log(1e3), precision);
 }
 
 /// One step of Newton's method towards directions W of maximum likelihood, where z_i' P_i z_k = 0 (Pham 2001, with the
