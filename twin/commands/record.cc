@@ -199,7 +199,7 @@ Result<Exit> export_elements(const std::string& file, const std::string& name, c
 }
 
 struct ExportArguments {
-  std::string from, name = "joint", on_drive = "motor", joint, c_file, fmu_file, table_file;
+  std::string from, name = "joint", on_drive = "motor", joint, c_file, fmu_file, table_file, commands = "scenario";
   int fmi = 2;
   Destination output;
   double torque_max_nm = 0, gear_ratio = 0, torque_noise_share = 0;
@@ -249,7 +249,8 @@ void add_joint(CLI::App& command, std::initializer_list<CLI::Option*> others, Ex
                          "itself (law, heat, bristles, faults)");
   auto* fmu = command.add_option("--fmu", a.fmu_file,
                                  "FMU to write: the same joint for co-simulation, as source and, where a C compiler is "
-                                 "found, as a library; its parameters can be tuned");
+                                 "found, as a library; its parameters can be tuned. Of SCENARIO.yaml the whole robot, "
+                                 "MuJoCo inside");
   auto* table = command.add_option("--table", a.table_file,
                                    "CSV file to write: friction of a joint over speed, load and temperature, for "
                                    "lookup tables");
@@ -257,6 +258,13 @@ void add_joint(CLI::App& command, std::initializer_list<CLI::Option*> others, Ex
   fmu->excludes(c), table->excludes(c), table->excludes(fmu);
   command.add_option("--fmi", a.fmi, "Version of the FMI standard for --fmu")
       ->check(CLI::IsMember({2, 3}))
+      ->capture_default_str()
+      ->needs(fmu);
+  command
+      .add_option("--commands", a.commands,
+                  "Of a robot's FMU, who moves the joints: the scenario, or an input per joint: torque, velocity, "
+                  "position")
+      ->check(CLI::IsMember({"scenario", "torque", "velocity", "position"}))
       ->capture_default_str()
       ->needs(fmu);
   command.add_option("--joint", a.joint, "Joint of MODEL.xml for --c, --fmu and --table, where it has several");
@@ -280,6 +288,17 @@ void require_one_kind(ExportArguments& a) {
   if (to_file) a.output.file = !a.c_file.empty() ? a.c_file : !a.fmu_file.empty() ? a.fmu_file : a.table_file;
 }
 
+/// Options of a joint do not belong to a robot, and the other way round.
+void require_one_thing(const ExportArguments& a, bool robot) {
+  if (!robot && a.commands != "scenario")
+    throw InputError(fmt::format("--commands {}: belongs to --fmu of a scenario, the FMU of a robot", a.commands));
+  if (robot && (!a.joint.empty() || a.torque_max_nm > 0 || a.gear_ratio > 0))
+    throw InputError(
+        fmt::format("{}: is a scenario, whose FMU has all joints with their own numbers; --joint, --tau-max and "
+                    "--gear-ratio belong to one joint",
+                    a.from));
+}
+
 }  // namespace
 
 void add_recover(CLI::App& app, int& code) {
@@ -298,8 +317,8 @@ void add_export(CLI::App& app, int& code) {
   auto* command = app.add_subcommand("export",
                                      "Export the record of a run as CSV, complete or as a controller records it, or as "
                                      "MCAP, parameters as a MuJoCo element, a model "
-                                     "without plugins, or one joint as C, FMU or table");
-  command->add_option("FROM", a->from, "Folder of a run, PARAMS.yaml, or MODEL.xml")->required();
+                                     "without plugins, one joint as C, FMU or table, or a robot as FMU");
+  command->add_option("FROM", a->from, "Folder of a run, PARAMS.yaml, MODEL.xml, or SCENARIO.yaml")->required();
   auto* csv = command->add_flag("--csv", a->csv,
                                 "The samples as telemetry.csv and, where there are work cycles, these as cycles.csv");
   auto* mjcf = command
@@ -370,7 +389,10 @@ void add_export(CLI::App& app, int& code) {
     const auto messages = a->messages == "json" ? McapMessages::json : McapMessages::ros2;
     const JointSource source{a->from, a->joint, a->torque_max_nm, a->gear_ratio};
     const std::string prefix = name->count() ? a->name : "";
+    const bool robot = !a->fmu_file.empty() && is_scenario(a->from);
+    require_one_thing(*a, robot);
     code = or_throw(!a->c_file.empty()       ? export_c(source, prefix, a->output)
+                    : robot                  ? export_robot_fmu(a->from, prefix, a->commands, a->fmi, a->output)
                     : !a->fmu_file.empty()   ? export_fmu(source, prefix, a->fmi, a->output)
                     : !a->table_file.empty() ? export_table(source, a->temperature_degC, a->speed_max_rad_s, a->output)
                     : a->urdf                ? export_urdf(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
