@@ -6,6 +6,7 @@
 #include <tribotwin/twin/commands/joint_export.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
+#include <tribotwin/twin/portable/bam.hpp>
 #include <tribotwin/twin/portable/c_source.hpp>
 #include <tribotwin/twin/portable/fmu.hpp>
 #include <tribotwin/twin/portable/friction_table.hpp>
@@ -58,6 +59,20 @@ Result<Exit> export_fmu(const JointSource& source, const std::string& name, int 
   const auto bytes = zipped(*files);
   if (!bytes) return tl::unexpected(bytes.error());
   return deliver(*bytes, output);
+}
+
+Result<Exit> export_bam(const JointSource& source, const std::string& actuator, std::optional<double> temperature_degC,
+                        std::optional<double> speed_max_rad_s, const Destination& output) {
+  const auto bam = bam_friction(hinge_of(source, "joint", "BAM's model").drive, temperature_degC, speed_max_rad_s);
+  if (!bam) throw InputError(fmt::format("{}: {}", source.file, bam.error().message));
+  const std::string where =
+      fmt::format("up to {:.6g} rad/s and {:.6g} Nm of load", bam->speed_max_rad_s, bam->load_max_nm);
+  note("{} {}: friction {:.4g} .. {:.4g} Nm at {:g} degC, error {:.3g} Nm rms, {:.3g} Nm at most",
+       bam->exact ? "BAM's m4 has the law exactly;" : "BAM's m4 as best fit", where, bam->friction_min_nm,
+       bam->friction_max_nm, bam->temperature_degC, bam->rms_error_nm, bam->max_error_nm);
+  note("lost: {}. Of the motor the file holds nothing: kt, R, armature and gains stay those of BAM's '{}'", bam->lost,
+       actuator);
+  return deliver(bam_json(*bam, actuator), output);
 }
 
 bool is_scenario(const std::string& file) {

@@ -13,6 +13,10 @@ namespace tribotwin::twin::program {
 Result<Exit> export_c(const JointSource& source, const std::string& name, const Destination& output);
 Result<Exit> export_fmu(const JointSource& source, const std::string& name, int fmi_version, const Destination& output);
 
+/// Friction as BAM's m4; how far it is off and what is lost is said.
+Result<Exit> export_bam(const JointSource& source, const std::string& actuator, std::optional<double> temperature_degC,
+                        std::optional<double> speed_max_rad_s, const Destination& output);
+
 /// A robot with all its joints: the twin of a scenario. `commanded`: RobotCommands by name.
 Result<Exit> export_robot_fmu(const std::string& scenario, const std::string& name, const std::string& commanded,
                               int fmi_version, const Destination& output);
