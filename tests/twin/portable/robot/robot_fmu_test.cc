@@ -103,12 +103,13 @@ TEST_P(Robot, RunEqualsThatOfTheProgram) {
   const auto joints = joint_names(*scenario.model);
   double time_s = 0;
   int compared = 0;
-  const auto summary = run(scenario, {.sample = [&](const Twin& twin, double) {
-                             ASSERT_EQ(instance->step(time_s, 1e-3), ok);
-                             time_s += 1e-3;
-                             ASSERT_EQ(outputs(*instance, fmu, joints), expected_outputs(twin)) << compared;
-                             ++compared;
-                           }});
+  const auto compare = [&](const Twin& twin, double) {
+    ASSERT_EQ(instance->step(time_s, 1e-3), ok);
+    time_s += 1e-3;
+    ASSERT_EQ(outputs(*instance, fmu, joints), expected_outputs(twin)) << compared;
+    ++compared;
+  };
+  const auto summary = run(scenario, {.sample = compare});
   ASSERT_TRUE(summary);
   EXPECT_EQ(compared, 1500);
   EXPECT_EQ(instance->step(time_s, 1e-3), error);
