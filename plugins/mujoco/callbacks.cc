@@ -13,8 +13,56 @@ namespace {
 
 std::mutex mutex;  // guards installation, never taken in a step
 int registered = 0;
-std::atomic<mjfGeneric> previous{nullptr}, previous_passive{nullptr};
-std::atomic<mjfSensor> previous_sensor{nullptr};
+
+/// One of the engine's global callbacks, and what was there before us. Several copies of this library may live in one
+/// process (each FMU of a robot holds one) and come and go in any order: one that cannot be removed, because another
+/// one lies above it, stays in that one's chain, and lies above it in turn when it is installed again. The chain then
+/// passes here more than once; the outermost passage works, and each calls what it was installed upon.
+template <class Function>
+class Hook {
+ public:
+  constexpr Hook(Function& global, Function own) : global_(global), own_(own) {}
+  void install() {
+    if (global_ == own_) return;
+    const std::size_t n = count_.load();
+    if (n == earlier_.size()) throw std::length_error("the engine's callbacks are nested more than 64 deep");
+    earlier_[n].store(global_, std::memory_order_release);
+    count_.store(n + 1, std::memory_order_release);
+    global_ = own_;
+  }
+  void remove() {
+    if (global_ != own_) return;
+    const std::size_t n = count_.load() - 1;
+    global_ = earlier_[n].load();
+    count_.store(n, std::memory_order_release);
+  }
+  /// What the passage of this depth was installed upon; null for none.
+  Function earlier(std::size_t depth) const {
+    const std::size_t n = count_.load(std::memory_order_acquire);
+    return depth < n ? earlier_[n - 1 - depth].load(std::memory_order_acquire) : nullptr;
+  }
+
+ private:
+  Function& global_;
+  Function own_;
+  std::array<std::atomic<Function>, 64> earlier_{};
+  std::atomic<std::size_t> count_{0};
+};
+
+/// Calls what was there before; false where this is no outermost passage.
+template <class Function, class... Arguments>
+bool pass(const Hook<Function>& hook, std::size_t& depth, Arguments... arguments) {
+  if (const Function earlier = hook.earlier(depth)) {
+    ++depth;
+    earlier(arguments...);
+    --depth;
+  }
+  return depth == 0;
+}
+
+extern Hook<mjfGeneric> control_hook, passive_hook;
+extern Hook<mjfSensor> sensor_hook;
+thread_local std::size_t control_depth = 0, passive_depth = 0, sensor_depth = 0;
 
 std::array<std::atomic<const Registration*>, 1024> slots{};
 std::atomic<std::size_t> slots_used{0};  // high-water mark
@@ -37,12 +85,12 @@ void limit_friction_of(const Registration& r, mjData* d, Stage stage) {
 }
 
 void passive(const mjModel* m, mjData* d) {
-  if (const mjfGeneric earlier = previous_passive.load(std::memory_order_acquire)) earlier(m, d);
+  if (!pass(passive_hook, passive_depth, m, d)) return;
   if (const Registration* r = find(m)) limit_friction_of(*r, d, Stage::passive);
 }
 
 void control(const mjModel* m, mjData* d) {
-  if (const mjfGeneric earlier = previous.load(std::memory_order_acquire)) earlier(m, d);
+  if (!pass(control_hook, control_depth, m, d)) return;
   if (under_way.data == d && under_way.controller.call) under_way.controller.call(under_way.controller.context, m, d);
   if constexpr (!TRIBOTWIN_ENGINE_PLUGINS)
     if (const Registration* r = find(m)) {
@@ -52,11 +100,14 @@ void control(const mjModel* m, mjData* d) {
 }
 
 void sensor(const mjModel* m, mjData* d, int stage) {
-  if (const mjfSensor earlier = previous_sensor.load(std::memory_order_acquire)) earlier(m, d, stage);
+  if (!pass(sensor_hook, sensor_depth, m, d, stage)) return;
   if (stage != mjSTAGE_ACC) return;
   if (const Registration* r = find(m))
     for (const Sensor& s : r->sensors()) measure(m, d, r->drives()[static_cast<std::size_t>(s.drive)], s);
 }
+
+constinit Hook<mjfGeneric> control_hook(mjcb_control, control), passive_hook(mjcb_passive, passive);
+constinit Hook<mjfSensor> sensor_hook(mjcb_sensor, sensor);
 
 }  // namespace
 
@@ -69,34 +120,18 @@ Registration::Registration(const mjModel* model, std::span<const Binding> drives
   if (i == slots.size()) throw std::length_error("more than 1024 models with drives are registered at once");
   slots[i].store(this, std::memory_order_release);
   if (i >= slots_used) slots_used.store(i + 1, std::memory_order_release);
-  if (registered++ == 0 && mjcb_control != control) {
-    previous = mjcb_control;
-    mjcb_control = control;
-    if constexpr (!TRIBOTWIN_ENGINE_PLUGINS) {
-      previous_passive = mjcb_passive;
-      mjcb_passive = passive;
-      previous_sensor = mjcb_sensor;
-      mjcb_sensor = sensor;
-    }
-  }
+  if (registered++ > 0) return;
+  control_hook.install();
+  if constexpr (!TRIBOTWIN_ENGINE_PLUGINS) passive_hook.install(), sensor_hook.install();
 }
 
 Registration::~Registration() {
   const std::lock_guard lock(mutex);
   for (auto& slot : slots)
     if (slot.load() == this) slot.store(nullptr, std::memory_order_release);
-  if (--registered == 0 && mjcb_control == control) {
-    mjcb_control = previous;
-    previous = nullptr;
-    if (mjcb_passive == passive) {
-      mjcb_passive = previous_passive;
-      previous_passive = nullptr;
-    }
-    if (mjcb_sensor == sensor) {
-      mjcb_sensor = previous_sensor;
-      previous_sensor = nullptr;
-    }
-  }
+  if (--registered > 0) return;
+  control_hook.remove();
+  if constexpr (!TRIBOTWIN_ENGINE_PLUGINS) passive_hook.remove(), sensor_hook.remove();
 }
 
 void step(const Registration& registration, mjData* d, Controller controller) {

@@ -44,6 +44,7 @@ ORDER = {
         "identification/experiment_design",
         "gears",
         "portable",
+        "portable/robot",
         "diagnosis",
         "diagnosis/fleet/database",
         "diagnosis/fleet",

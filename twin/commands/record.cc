@@ -199,7 +199,8 @@ Result<Exit> export_elements(const std::string& file, const std::string& name, c
 }
 
 struct ExportArguments {
-  std::string from, name = "joint", on_drive = "motor", joint, c_file, fmu_file, table_file;
+  std::string from, name = "joint", on_drive = "motor", joint, c_file, fmu_file, table_file, bam_file, actuator,
+                    commands = "scenario";
   int fmi = 2;
   Destination output;
   double torque_max_nm = 0, gear_ratio = 0, torque_noise_share = 0;
@@ -249,35 +250,63 @@ void add_joint(CLI::App& command, std::initializer_list<CLI::Option*> others, Ex
                          "itself (law, heat, bristles, faults)");
   auto* fmu = command.add_option("--fmu", a.fmu_file,
                                  "FMU to write: the same joint for co-simulation, as source and, where a C compiler is "
-                                 "found, as a library; its parameters can be tuned");
+                                 "found, as a library; its parameters can be tuned. Of SCENARIO.yaml the whole robot, "
+                                 "MuJoCo inside");
   auto* table = command.add_option("--table", a.table_file,
                                    "CSV file to write: friction of a joint over speed, load and temperature, for "
                                    "lookup tables");
-  for (auto* other : others) c->excludes(other), fmu->excludes(other), table->excludes(other);
-  fmu->excludes(c), table->excludes(c), table->excludes(fmu);
+  auto* bam =
+      command.add_option("--bam", a.bam_file,
+                         "JSON file to write: friction of a joint as BAM's model m4, exact where the law is its "
+                         "own, else the best fit at a temperature");
+  command.add_option("--actuator", a.actuator, "Of --bam: the actuator's name in BAM, such as mx64")->needs(bam);
+  for (auto* other : others) c->excludes(other), fmu->excludes(other), table->excludes(other), bam->excludes(other);
+  fmu->excludes(c), table->excludes(c), table->excludes(fmu), bam->excludes(c), bam->excludes(fmu),
+      bam->excludes(table);
   command.add_option("--fmi", a.fmi, "Version of the FMI standard for --fmu")
       ->check(CLI::IsMember({2, 3}))
       ->capture_default_str()
       ->needs(fmu);
-  command.add_option("--joint", a.joint, "Joint of MODEL.xml for --c, --fmu and --table, where it has several");
+  command
+      .add_option("--commands", a.commands,
+                  "Of a robot's FMU, who moves the joints: the scenario, or an input per joint: torque, velocity, "
+                  "position")
+      ->check(CLI::IsMember({"scenario", "torque", "velocity", "position"}))
+      ->capture_default_str()
+      ->needs(fmu);
+  command.add_option("--joint", a.joint, "Joint of MODEL.xml for --c, --fmu, --table and --bam, where it has several");
 }
 
 /// The one kind of export that was asked for, with options that belong to it; its file, where it names one.
 void require_one_kind(ExportArguments& a) {
-  const bool to_file = !a.c_file.empty() || !a.fmu_file.empty() || !a.table_file.empty();
+  const std::string file = a.c_file + a.fmu_file + a.table_file + a.bam_file;  // one of them
+  const bool to_file = !file.empty();
   if (a.csv + a.mjcf + a.recording + a.native + a.mcap + a.urdf + !a.c_file.empty() + !a.fmu_file.empty() +
-          !a.table_file.empty() !=
+          !a.table_file.empty() + !a.bam_file.empty() !=
       1)
     throw InputError(
         "export needs --csv, --mcap or --recording (of a run), --mjcf (of PARAMS.yaml), --native or --urdf (of "
-        "MODEL.xml), --c FILE, --fmu FILE or --table FILE (of either)");
+        "MODEL.xml), --c FILE, --fmu FILE, --table FILE or --bam FILE (of either)");
   if (!to_file && !a.joint.empty())
-    throw InputError(fmt::format("--joint {}: belongs to --c, --fmu and --table", a.joint));
-  if ((a.temperature_degC || a.speed_max_rad_s) && !a.native && !a.urdf && a.table_file.empty())
-    throw InputError("--temperature and --joint-speed belong to --native, --urdf and --table");
+    throw InputError(fmt::format("--joint {}: belongs to --c, --fmu, --table and --bam", a.joint));
+  if ((a.temperature_degC || a.speed_max_rad_s) && !a.native && !a.urdf && a.table_file.empty() && a.bam_file.empty())
+    throw InputError("--temperature and --joint-speed belong to --native, --urdf, --table and --bam");
   if (to_file && a.output.named())
-    throw InputError(fmt::format("-o {}: --c, --fmu and --table name their file themselves", a.output.file));
-  if (to_file) a.output.file = !a.c_file.empty() ? a.c_file : !a.fmu_file.empty() ? a.fmu_file : a.table_file;
+    throw InputError(fmt::format("-o {}: --c, --fmu, --table and --bam name their file themselves", a.output.file));
+  if (to_file) a.output.file = file;
+  if (!a.bam_file.empty() && a.actuator.empty())
+    throw InputError("--bam: --actuator is missing; BAM loads a file for an actuator that it knows, such as mx64");
+}
+
+/// Options of a joint do not belong to a robot, and the other way round.
+void require_one_thing(const ExportArguments& a, bool robot) {
+  if (!robot && a.commands != "scenario")
+    throw InputError(fmt::format("--commands {}: belongs to --fmu of a scenario, the FMU of a robot", a.commands));
+  if (robot && (!a.joint.empty() || a.torque_max_nm > 0 || a.gear_ratio > 0))
+    throw InputError(
+        fmt::format("{}: is a scenario, whose FMU has all joints with their own numbers; --joint, --tau-max and "
+                    "--gear-ratio belong to one joint",
+                    a.from));
 }
 
 }  // namespace
@@ -298,8 +327,8 @@ void add_export(CLI::App& app, int& code) {
   auto* command = app.add_subcommand("export",
                                      "Export the record of a run as CSV, complete or as a controller records it, or as "
                                      "MCAP, parameters as a MuJoCo element, a model "
-                                     "without plugins, or one joint as C, FMU or table");
-  command->add_option("FROM", a->from, "Folder of a run, PARAMS.yaml, or MODEL.xml")->required();
+                                     "without plugins, one joint as C, FMU or table, or a robot as FMU");
+  command->add_option("FROM", a->from, "Folder of a run, PARAMS.yaml, MODEL.xml, or SCENARIO.yaml")->required();
   auto* csv = command->add_flag("--csv", a->csv,
                                 "The samples as telemetry.csv and, where there are work cycles, these as cycles.csv");
   auto* mjcf = command
@@ -328,10 +357,10 @@ void add_export(CLI::App& app, int& code) {
   auto* mcap = add_mcap(*command, {csv, mjcf, recording, native, urdf}, *a);
   add_joint(*command, {csv, mjcf, recording, native, urdf, mcap}, *a);
   command
-      ->add_option(
-          "--temperature", a->temperature_degC,
-          "Temperature of the friction of --native, --urdf and --table [degC] (default: T_amb, within the range of the "
-          "law; of --table that range)")
+      ->add_option("--temperature", a->temperature_degC,
+                   "Temperature of the friction of --native, --urdf, --bam and --table [degC] (default: T_amb, within "
+                   "the range of the "
+                   "law; of --table that range)")
       ->check(CLI::Range(-273.15, 1000.0));
   command
       ->add_option("--joint-speed,--speed", a->speed_max_rad_s,
@@ -370,16 +399,20 @@ void add_export(CLI::App& app, int& code) {
     const auto messages = a->messages == "json" ? McapMessages::json : McapMessages::ros2;
     const JointSource source{a->from, a->joint, a->torque_max_nm, a->gear_ratio};
     const std::string prefix = name->count() ? a->name : "";
-    code = or_throw(!a->c_file.empty()       ? export_c(source, prefix, a->output)
-                    : !a->fmu_file.empty()   ? export_fmu(source, prefix, a->fmi, a->output)
-                    : !a->table_file.empty() ? export_table(source, a->temperature_degC, a->speed_max_rad_s, a->output)
-                    : a->urdf                ? export_urdf(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
-                    : a->recording ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
-                    : a->csv       ? export_record(a->from, a->output)
-                    : a->mcap      ? export_messages(a->from, a->output, messages)
-                    : a->native
-                        ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
-                        : export_elements(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
+    const bool robot = !a->fmu_file.empty() && is_scenario(a->from);
+    require_one_thing(*a, robot);
+    code = or_throw(
+        !a->c_file.empty()       ? export_c(source, prefix, a->output)
+        : robot                  ? export_robot_fmu(a->from, prefix, a->commands, a->fmi, a->output)
+        : !a->fmu_file.empty()   ? export_fmu(source, prefix, a->fmi, a->output)
+        : !a->table_file.empty() ? export_table(source, a->temperature_degC, a->speed_max_rad_s, a->output)
+        : !a->bam_file.empty()   ? export_bam(source, a->actuator, a->temperature_degC, a->speed_max_rad_s, a->output)
+        : a->urdf                ? export_urdf(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
+        : a->recording           ? export_recording(a->from, a->sensors, a->torque_noise_share, a->seed, a->output)
+        : a->csv                 ? export_record(a->from, a->output)
+        : a->mcap                ? export_messages(a->from, a->output, messages)
+        : a->native              ? export_native(a->from, a->temperature_degC, a->speed_max_rad_s, a->output)
+                    : export_elements(a->from, a->name, a->on_drive, a->torque_max_nm, a->gear_ratio, a->output));
   });
 }
 

@@ -2,9 +2,9 @@
 
 namespace tribotwin::twin {
 
-const char* const fmi2_types = R"(/* The joint @NAME@ as a functional mock-up unit for co-simulation, FMI 2.0.
+const char* const fmi2_types = R"(/* @WHAT@ as a functional mock-up unit for co-simulation, FMI 2.0.
  * Written by `tribotwin export --fmu` from the standard's lists of types and functions (https://fmi-standard.org).
- * C99; it needs @NAME@.c beside it, which holds the joint, and libm.
+ * C99; @NEEDS@.
  *
  * As source the functions have the prefix @NAME@_; FMI2_OVERRIDE_FUNCTION_PREFIX leaves it out, as in a shared library.
  */
@@ -16,9 +16,7 @@ const char* const fmi2_types = R"(/* The joint @NAME@ as a functional mock-up un
 #include <stdlib.h>
 #include <string.h>
 
-#define @UPPER@_DECLARATIONS
-#include "@NAME@.c"
-
+@INCLUDE@
 /* FMPy defines the macro of FMI 3 for both versions. */
 #if !defined(FMI2_OVERRIDE_FUNCTION_PREFIX) && !defined(FMI3_OVERRIDE_FUNCTION_PREFIX)
 #ifndef FMI2_FUNCTION_PREFIX
@@ -104,7 +102,7 @@ FMI_EXPORT void *FMI(Instantiate)(const char *name, fmi2Type type, const char *t
 {
   fmu_host host = {NULL, NULL, NULL};
   fmu_instance *f;
-  (void)resources, (void)visible, (void)logging;
+  (void)visible, (void)logging;
   if (callbacks) {
     host.logger = callbacks->logger;
     host.environment = callbacks->environment;
@@ -115,12 +113,9 @@ FMI_EXPORT void *FMI(Instantiate)(const char *name, fmi2Type type, const char *t
     fmu_report(&host, fmu_failed, "fmi2Instantiate: an instance needs a name and memory");
   else if (type != fmi2CoSimulation)
     fmu_report(&host, fmu_failed, "fmi2Instantiate: this FMU is for co-simulation only");
-  else if (!token || strcmp(token, fmu_token) != 0)
-    fmu_report(&host, fmu_failed, "fmi2Instantiate: the GUID is not that of this FMU's modelDescription.xml");
   else {
     f->host = host;
-    fmu_start(&f->now);
-    return f;
+    if (fmu_open(f, token, resources, "fmi2Instantiate")) return f;
   }
   free(host.name);
   free(f);
@@ -131,6 +126,7 @@ FMI_EXPORT void FMI(FreeInstance)(void *instance)
 {
   fmu_instance *const f = (fmu_instance *)instance;
   if (!f) return;
+  fmu_close(f);
   free(f->host.name);
   free(f);
 }
@@ -170,7 +166,7 @@ FMI_EXPORT fmi2Status FMI(GetBoolean)(void *instance, const fmu_reference refere
   BEGIN(in_any, GetBoolean);
   if (!fmu_boolean(f, references, count, count, values, name)) return fmi2Error;
   fmu_evaluate_if_new(f);
-  for (i = 0; i < count; ++i) values[i] = f->now.joint.outside != 0;
+  for (i = 0; i < count; ++i) values[i] = fmu_is_outside(f);
   return fmi2OK;
 }
 

@@ -2,9 +2,9 @@
 
 namespace tribotwin::twin {
 
-const char* const fmi3_types = R"(/* The joint @NAME@ as a functional mock-up unit for co-simulation, FMI 3.0.
+const char* const fmi3_types = R"(/* @WHAT@ as a functional mock-up unit for co-simulation, FMI 3.0.
  * Written by `tribotwin export --fmu` from the standard's lists of types and functions (https://fmi-standard.org).
- * C99; it needs @NAME@.c beside it, which holds the joint, and libm.
+ * C99; @NEEDS@.
  *
  * As source the functions have the prefix @NAME@_; FMI3_OVERRIDE_FUNCTION_PREFIX leaves it out, as in a shared library.
  */
@@ -17,9 +17,7 @@ const char* const fmi3_types = R"(/* The joint @NAME@ as a functional mock-up un
 #include <stdlib.h>
 #include <string.h>
 
-#define @UPPER@_DECLARATIONS
-#include "@NAME@.c"
-
+@INCLUDE@
 #if !defined(FMI3_OVERRIDE_FUNCTION_PREFIX)
 #ifndef FMI3_FUNCTION_PREFIX
 #define FMI3_FUNCTION_PREFIX @NAME@_
@@ -101,21 +99,19 @@ FMI_EXPORT void *FMI(InstantiateCoSimulation)(const char *name, const char *toke
                                               void *environment, fmi3Logger logger, fmi3Update update)
 {
   fmu_instance *f;
-  (void)resources, (void)visible, (void)logging, (void)early_return, (void)intermediate, (void)intermediate_count;
+  (void)visible, (void)logging, (void)early_return, (void)intermediate, (void)intermediate_count;
   (void)update; /* the FMU provides no intermediate updates and never returns early */
   if (!name || !*name)
     return fmi3_refused(environment, logger, "fmi3InstantiateCoSimulation: an instance needs a name");
-  if (!token || strcmp(token, fmu_token) != 0)
-    return fmi3_refused(environment, logger,
-                        "fmi3InstantiateCoSimulation: the token is not that of this FMU's modelDescription.xml");
   if (event_mode)
     return fmi3_refused(environment, logger, "fmi3InstantiateCoSimulation: this FMU has no event mode");
   f = (fmu_instance *)calloc(1, sizeof *f);
   if (!f) return fmi3_refused(environment, logger, "fmi3InstantiateCoSimulation: no memory");
   f->host.environment = environment;
   f->host.logger = logger;
-  fmu_start(&f->now);
-  return f;
+  if (fmu_open(f, token, resources, "fmi3InstantiateCoSimulation")) return f;
+  free(f);
+  return NULL;
 }
 
 FMI_EXPORT void *FMI(InstantiateModelExchange)(const char *name, const char *token, const char *resources, bool visible,
@@ -137,6 +133,7 @@ FMI_EXPORT void *FMI(InstantiateScheduledExecution)(const char *name, const char
 
 FMI_EXPORT void FMI(FreeInstance)(void *instance)
 {
+  if (instance) fmu_close((fmu_instance *)instance);
   free(instance);
 }
 
@@ -171,7 +168,7 @@ FMI_EXPORT fmi3Status FMI(GetBoolean)(void *instance, const fmu_reference refere
   BEGIN(in_any, GetBoolean);
   if (!fmu_boolean(f, references, count, value_count, values, name)) return fmi3Error;
   fmu_evaluate_if_new(f);
-  for (i = 0; i < count; ++i) values[i] = f->now.joint.outside != 0;
+  for (i = 0; i < count; ++i) values[i] = fmu_is_outside(f);
   return fmi3OK;
 }
 

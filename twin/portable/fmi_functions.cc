@@ -34,9 +34,7 @@ FMI_EXPORT fmi@VERSION@Status FMI(Terminate)(void *instance)
 FMI_EXPORT fmi@VERSION@Status FMI(Reset)(void *instance)
 {
   BEGIN(in_any, Reset);
-  (void)name;
-  fmu_start(&f->now);
-  return fmi@VERSION@OK;
+  return fmi@VERSION@_status(fmu_reset(f, name));
 }
 
 FMI_EXPORT fmi@VERSION@Status FMI(Get@STATE@)(void *instance, void **state)
@@ -54,18 +52,13 @@ FMI_EXPORT fmi@VERSION@Status FMI(Set@STATE@)(void *instance, void *state)
 FMI_EXPORT fmi@VERSION@Status FMI(Free@STATE@)(void *instance, void **state)
 {
   BEGIN(in_any, Free@STATE@);
-  if (!state) return fmi@VERSION@_status(fmu_wrong(f, name, "the state is NULL"));
-  free(*state);
-  *state = NULL;
-  return fmi@VERSION@OK;
+  return fmi@VERSION@_status(fmu_release(f, state, name));
 }
 
 FMI_EXPORT fmi@VERSION@Status FMI(Serialized@STATE@Size)(void *instance, void *state, size_t *size)
 {
   BEGIN(in_any, Serialized@STATE@Size);
-  if (!state || !size) return fmi@VERSION@_status(fmu_wrong(f, name, "the state or the size is NULL"));
-  *size = fmu_bytes_size;
-  return fmi@VERSION@OK;
+  return fmi@VERSION@_status(fmu_serialized_size(f, state, size, name));
 }
 
 FMI_EXPORT fmi@VERSION@Status FMI(Serialize@STATE@)(void *instance, void *state, @BYTE@ bytes[], size_t size)

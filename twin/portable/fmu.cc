@@ -13,14 +13,6 @@
 namespace tribotwin::twin {
 namespace {
 
-/// GUID and instantiation token: of the same content, the same (RFC 4122, version 5).
-std::string token_of(const std::vector<FmuFile>& files) {
-  std::string all;
-  for (const FmuFile& file : files) all += file.name + file.content;
-  return fmt::format("{{{}}}",
-                     boost::uuids::to_string(boost::uuids::name_generator_sha1(boost::uuids::ns::oid())(all)));
-}
-
 /// The rows of fmu_variables in the C.
 std::string variable_rows(const std::vector<FmuVariable>& variables) {
   std::string rows;
@@ -49,9 +41,12 @@ std::string functions_of(const drive::Drive& d, const std::string& name, FmiVers
   const auto variables = fmu_variables(d);
   const bool heat = has_heat(d);
   const bool two = version == FmiVersion::two;
-  const std::string text =
-      std::string(two ? fmi2_types : fmi3_types) + fmu_core + fmi_functions + (two ? fmi2_functions : fmi3_functions);
-  return filled(text, {{"@VERSION@", std::to_string(static_cast<int>(version))},
+  const std::string text = std::string(two ? fmi2_types : fmi3_types) + fmu_modes + fmu_joint_head + fmu_calls +
+                           fmu_joint + fmi_functions + (two ? fmi2_functions : fmi3_functions);
+  return filled(text, {{"@WHAT@", "The joint @NAME@"},
+                       {"@NEEDS@", "it needs @NAME@.c beside it, which holds the joint, and libm"},
+                       {"@INCLUDE@", "#define @UPPER@_DECLARATIONS\n#include \"@NAME@.c\"\n"},
+                       {"@VERSION@", std::to_string(static_cast<int>(version))},
                        {"@STATE@", two ? "FMUstate" : "FMUState"},
                        {"@DESERIALIZE@", two ? "DeSerializeFMUstate" : "DeserializeFMUState"},
                        {"@BYTE@", two ? "char" : "uint8_t"},
@@ -81,6 +76,20 @@ std::string keys_of(const drive::Drive& d) {
 
 extern const char* const license_text;  // LICENSE, by CMake
 
+std::string fmu_token(const std::vector<FmuFile>& files) {
+  std::string all;
+  for (const FmuFile& file : files) all += file.name + file.content;
+  return fmt::format("{{{}}}",
+                     boost::uuids::to_string(boost::uuids::name_generator_sha1(boost::uuids::ns::oid())(all)));
+}
+
+std::string fmu_license(const std::string& of) {
+  return fmt::format(
+      "The sources of this FMU and what is compiled of them were written by tribotwin under the license below.\nThe {} "
+      "are those of whoever exported it.\n\n{}",
+      of, license_text);
+}
+
 Result<std::vector<FmuFile>> fmu_files(const drive::Drive& d, const std::string& name, FmiVersion version) {
   const auto joint = c_source(d, name, JointNumbers::members);
   if (!joint) return tl::unexpected(joint.error());
@@ -90,13 +99,10 @@ Result<std::vector<FmuFile>> fmu_files(const drive::Drive& d, const std::string&
                              {fmt::format("sources/fmi{}.c", number), functions_of(d, name, version)},
                              {"resources/joint.yaml", keys_of(d)}};
   if (version == FmiVersion::three) files.push_back({"sources/buildDescription.xml", fmu_build_description(name)});
-  const std::string token = token_of(files);
+  const std::string token = fmu_token(files);
   for (FmuFile& file : files) file.content = filled(file.content, {{"@TOKEN@", token}});
   files.push_back({"documentation/index.html", fmu_page(d, name)});
-  files.push_back({"documentation/licenses/license.txt",
-                   "The sources of this FMU and what is compiled of them were written by tribotwin under the license "
-                   "below.\nThe numbers of the joint are those of whoever exported it.\n\n" +
-                       std::string(license_text)});
+  files.push_back({"documentation/licenses/license.txt", fmu_license("numbers of the joint")});
   return files;
 }
 

@@ -2,52 +2,21 @@
 
 namespace tribotwin::twin {
 
-const char* const fmu_core = R"(
-/* The joint under both versions of the standard: state, variables, steps. */
-
+const char* const fmu_modes = R"(
 enum { in_instantiated = 1, in_initialization = 2, in_steps = 4, in_terminated = 8, in_any = 15 };
 /* Kinds of variables: what may be set, and when. */
 enum { is_result, is_input, is_tunable, is_fixed };
+)";
 
-/* Everything that a copy of the state holds. */
-typedef struct {
-  @NAME@_state joint;
-  double time_s, stop_s, speed_rad_s, load_nm, @WARMTH@_degC, @START@heat_W, temperature_degC;
-  int mode, has_stop;
-} fmu_state;
+const char* const fmu_calls = R"(
+/* What every FMU of tribotwin does alike: which calls are allowed, values by their references. */
 
-typedef struct {
-  fmu_state now;
-  fmu_host host;
-} fmu_instance;
-
-typedef struct {
-  const char *name;
-  size_t offset; /* of its double in fmu_state */
-  int kind;
-  double minimum, maximum;
-} fmu_variable;
-
-/* By their value references. */
-static const fmu_variable fmu_variables[@COUNT@] = {
-@VARIABLES@};
-enum { fmu_variable_count = @COUNT@, fmu_outside = @COUNT@ /* the one Boolean */ };
-
-static const char fmu_token[] = "@TOKEN@";
+static void fmu_evaluate(fmu_state *s);
+static void fmu_changed(fmu_instance *f);
 
 static int fmu_finite(double x)
 {
   return fabs(x) <= DBL_MAX;
-}
-
-static void fmu_start(fmu_state *s)
-{
-  static const fmu_state fresh = {0};
-  *s = fresh;
-  @NAME@_init(&s->joint);
-  s->@WARMTH@_degC = @T_AMB@;
-@START_VALUE@  s->temperature_degC = @T_AMB@;
-  s->mode = in_instantiated;
 }
 
 /* Whether the function may be called now. */
@@ -73,19 +42,6 @@ static int fmu_wrong(const fmu_instance *f, const char *function, const char *wh
   return fmu_failed;
 }
 
-static void fmu_surroundings(fmu_state *s)
-{
-@SURROUNDINGS@}
-
-/* The results of inputs and parameters before the first step: nothing advances. */
-static void fmu_evaluate(fmu_state *s)
-{
-@START_TEMPERATURE@  fmu_surroundings(s);
-  @NAME@_step(&s->joint, s->speed_rad_s, s->load_nm, 0.0);
-  s->heat_W = s->joint.friction_nm * (fabs(s->speed_rad_s) <= @SPEED_MAX@ ? s->speed_rad_s : 0.0);
-  s->temperature_degC = @NAME@_temperature(&s->joint);
-}
-
 static void fmu_evaluate_if_new(fmu_instance *f)
 {
   if (f->now.mode & (in_instantiated | in_initialization)) fmu_evaluate(&f->now);
@@ -105,10 +61,9 @@ static int fmu_get(fmu_instance *f, const fmu_reference *references, size_t coun
   size_t i;
   if (!fmu_known(f, count, value_count, references, values, function)) return 0;
   for (i = 0; i < count; ++i)
-    if (references[i] >= fmu_variable_count) return fmu_wrong(f, function, "no such value reference");
+    if (!fmu_find(f, references[i])) return fmu_wrong(f, function, "no such value reference");
   fmu_evaluate_if_new(f);
-  for (i = 0; i < count; ++i)
-    memcpy(&values[i], (const char *)&f->now + fmu_variables[references[i]].offset, sizeof(double));
+  for (i = 0; i < count; ++i) values[i] = *fmu_place(f, references[i]);
   return 1;
 }
 
@@ -136,28 +91,29 @@ static int fmu_settable(const fmu_instance *f, const fmu_variable *v, double val
 static int fmu_set(fmu_instance *f, const fmu_reference *references, size_t count, const double *values,
                    size_t value_count, const char *function)
 {
+  const fmu_variable *variable;
   size_t i;
   int code;
   if (!fmu_known(f, count, value_count, references, values, function)) return fmu_failed;
   for (i = 0; i < count; ++i) {
-    if (references[i] >= fmu_variable_count) return fmu_wrong(f, function, "no such value reference");
-    code = fmu_settable(f, &fmu_variables[references[i]], values[i], function);
+    variable = fmu_find(f, references[i]);
+    if (!variable) return fmu_wrong(f, function, "no such value reference");
+    code = fmu_settable(f, variable, values[i], function);
     if (code != fmu_done) return code;
   }
-  for (i = 0; i < count; ++i)
-    memcpy((char *)&f->now + fmu_variables[references[i]].offset, &values[i], sizeof(double));
-  @NAME@_changed(&f->now.joint);
+  for (i = 0; i < count; ++i) *fmu_place(f, references[i]) = values[i];
+  fmu_changed(f);
   return 1;
 }
 
-/* Whether references name the one Boolean. */
+/* Whether references name Booleans. */
 static int fmu_boolean(const fmu_instance *f, const fmu_reference *references, size_t count, size_t values,
                        const void *target, const char *function)
 {
   size_t i;
   if (!fmu_known(f, count, values, references, target, function)) return 0;
   for (i = 0; i < count; ++i)
-    if (references[i] != fmu_outside) return fmu_wrong(f, function, "no such value reference");
+    if (!fmu_is_boolean(f, references[i])) return fmu_wrong(f, function, "no such value reference");
   return 1;
 }
 
@@ -178,15 +134,126 @@ static double fmu_tolerance(double time_s)
   return 1e-9 * (1.0 + fabs(time_s));
 }
 
+static int fmu_step_allowed(const fmu_instance *f, double time_s, double dt_s, double longest_s, const char *function)
+{
+  const fmu_state *s = &f->now;
+  char text[100];
+  if (!fmu_finite(time_s) || fabs(time_s - s->time_s) > fmu_tolerance(time_s))
+    return fmu_wrong(f, function, "the communication point is not the end of the last step");
+  sprintf(text, "the step must be above 0 s and at most %.9g s long", longest_s);
+  if (!(dt_s > 0.0 && dt_s <= longest_s)) return fmu_wrong(f, function, text);
+  if (s->has_stop && time_s + dt_s > s->stop_s + fmu_tolerance(s->stop_s))
+    return fmu_wrong(f, function, "the step ends after the stop time");
+  return 1;
+}
+)";
+
+const char* const fmu_joint_head = R"(
+/* The joint under both versions of the standard: state, variables, steps. */
+
+/* Everything that a copy of the state holds. */
+typedef struct {
+  @NAME@_state joint;
+  double time_s, stop_s, speed_rad_s, load_nm, @WARMTH@_degC, @START@heat_W, temperature_degC;
+  int mode, has_stop;
+} fmu_state;
+
+typedef struct {
+  fmu_state now;
+  fmu_host host;
+} fmu_instance;
+
+typedef struct {
+  const char *name;
+  size_t offset; /* of its double in fmu_state */
+  int kind;
+  double minimum, maximum;
+} fmu_variable;
+
+/* By their value references. */
+static const fmu_variable fmu_variables[@COUNT@] = {
+@VARIABLES@};
+enum { fmu_variable_count = @COUNT@, fmu_outside = @COUNT@ /* the one Boolean */ };
+
+static const char fmu_token[] = "@TOKEN@";
+
+static const fmu_variable *fmu_find(const fmu_instance *f, fmu_reference reference)
+{
+  (void)f;
+  return reference < fmu_variable_count ? &fmu_variables[reference] : NULL;
+}
+
+static double *fmu_place(fmu_instance *f, fmu_reference reference)
+{
+  return (double *)((char *)&f->now + fmu_variables[reference].offset);
+}
+
+static int fmu_is_boolean(const fmu_instance *f, fmu_reference reference)
+{
+  (void)f;
+  return reference == fmu_outside;
+}
+)";
+
+const char* const fmu_joint = R"(
+static void fmu_start(fmu_state *s)
+{
+  static const fmu_state fresh = {0};
+  *s = fresh;
+  @NAME@_init(&s->joint);
+  s->@WARMTH@_degC = @T_AMB@;
+@START_VALUE@  s->temperature_degC = @T_AMB@;
+  s->mode = in_instantiated;
+}
+
+static void fmu_changed(fmu_instance *f)
+{
+  @NAME@_changed(&f->now.joint);
+}
+
+static int fmu_is_outside(const fmu_instance *f)
+{
+  return f->now.joint.outside != 0;
+}
+
+static int fmu_open(fmu_instance *f, const char *token, const char *resources, const char *function)
+{
+  (void)resources;
+  if (!token || strcmp(token, fmu_token) != 0)
+    return fmu_wrong(f, function, "the GUID or token is not that of this FMU's modelDescription.xml");
+  fmu_start(&f->now);
+  return 1;
+}
+
+static void fmu_close(fmu_instance *f)
+{
+  (void)f;
+}
+
+static int fmu_reset(fmu_instance *f, const char *function)
+{
+  (void)function;
+  fmu_start(&f->now);
+  return 1;
+}
+
+static void fmu_surroundings(fmu_state *s)
+{
+@SURROUNDINGS@}
+
+/* The results of inputs and parameters before the first step: nothing advances. */
+static void fmu_evaluate(fmu_state *s)
+{
+@START_TEMPERATURE@  fmu_surroundings(s);
+  @NAME@_step(&s->joint, s->speed_rad_s, s->load_nm, 0.0);
+  s->heat_W = s->joint.friction_nm * (fabs(s->speed_rad_s) <= @SPEED_MAX@ ? s->speed_rad_s : 0.0);
+  s->temperature_degC = @NAME@_temperature(&s->joint);
+}
+
 static int fmu_step(fmu_instance *f, double time_s, double dt_s, const char *function)
 {
   fmu_state *s = &f->now;
-  if (!fmu_finite(time_s) || fabs(time_s - s->time_s) > fmu_tolerance(time_s))
-    return fmu_wrong(f, function, "the communication point is not the end of the last step");
-  if (!(dt_s > 0.0 && dt_s <= @DT_MAX@))
-    return fmu_wrong(f, function, "the step must be above 0 s and at most @DT_MAX@ s long");
-  if (s->has_stop && time_s + dt_s > s->stop_s + fmu_tolerance(s->stop_s))
-    return fmu_wrong(f, function, "the step ends after the stop time");
+  if (!fmu_step_allowed(f, time_s, dt_s, @DT_MAX@, function)) return 0;
   fmu_surroundings(s);
   @NAME@_step(&s->joint, s->speed_rad_s, s->load_nm, dt_s);
   s->heat_W = s->joint.friction_nm * (fabs(s->speed_rad_s) <= @SPEED_MAX@ ? s->speed_rad_s : 0.0);
@@ -248,6 +315,21 @@ static int fmu_restore(fmu_instance *f, const void *from, const char *function)
 {
   if (!from) return fmu_wrong(f, function, "the state is NULL");
   memcpy(&f->now, from, sizeof f->now);
+  return 1;
+}
+
+static int fmu_serialized_size(const fmu_instance *f, const void *state, size_t *size, const char *function)
+{
+  if (!state || !size) return fmu_wrong(f, function, "the state or the size is NULL");
+  *size = fmu_bytes_size;
+  return 1;
+}
+
+static int fmu_release(const fmu_instance *f, void **state, const char *function)
+{
+  if (!state) return fmu_wrong(f, function, "the state is NULL");
+  free(*state);
+  *state = NULL;
   return 1;
 }
 

@@ -120,17 +120,18 @@ std::string structure(const std::vector<FmuVariable>& variables, int version) {
 constexpr const char* co_simulation_2 = R"(  <CoSimulation modelIdentifier="{0}" needsExecutionTool="false"
       canHandleVariableCommunicationStepSize="true" canInterpolateInputs="false" maxOutputDerivativeOrder="0"
       canRunAsynchronuously="false" canBeInstantiatedOnlyOncePerProcess="false"
-      canNotUseMemoryManagementFunctions="true" canGetAndSetFMUstate="true" canSerializeFMUstate="true"
+      canNotUseMemoryManagementFunctions="true" canGetAndSetFMUstate="{1}" canSerializeFMUstate="{1}"
       providesDirectionalDerivative="false">
-    <SourceFiles>
+{2}  </CoSimulation>
+)";
+constexpr const char* source_files_2 = R"(    <SourceFiles>
       <File name="fmi2.c"/>
       <File name="{0}.c"/>
     </SourceFiles>
-  </CoSimulation>
 )";
 
 constexpr const char* co_simulation_3 = R"(  <CoSimulation modelIdentifier="{0}" needsExecutionTool="false"
-      canBeInstantiatedOnlyOncePerProcess="false" canGetAndSetFMUState="true" canSerializeFMUState="true"
+      canBeInstantiatedOnlyOncePerProcess="false" canGetAndSetFMUState="{1}" canSerializeFMUState="{1}"{2}
       providesDirectionalDerivatives="false" providesAdjointDerivatives="false"
       canHandleVariableCommunicationStepSize="true" maxOutputDerivativeOrder="0" providesIntermediateUpdate="false"
       mightReturnEarlyFromDoStep="false" canReturnEarlyAfterIntermediateUpdate="false" hasEventMode="false"/>
@@ -140,25 +141,37 @@ constexpr const char* logs = R"(  <LogCategories>
     <Category name="logStatusError" description="calls that are wrong"/>
     <Category name="logStatusDiscard" description="values that are refused"/>
   </LogCategories>
-  <DefaultExperiment startTime="0" stopTime="1" stepSize="0.001"/>
+  <DefaultExperiment startTime="0" stopTime="{}" stepSize="{}"/>
 )";
+
+std::string co_simulation(const FmuAbout& about, int version) {
+  const char* states = about.states ? "true" : "false";
+  if (version == 2)
+    return fmt::format(co_simulation_2, about.name, states,
+                       about.sources ? fmt::format(source_files_2, about.name) : "");
+  return fmt::format(co_simulation_3, about.name, states,
+                     about.fixed_step_s > 0 ? fmt::format(" fixedInternalStepSize=\"{}\"", about.fixed_step_s) : "");
+}
 
 }  // namespace
 
-std::string fmu_description(const drive::Drive& d, const std::string& name, int version) {
-  const auto variables = fmu_variables(d);
-  const std::string about = fmt::format("friction of a robot joint: law {}, {}; thermal model {}", d.law.info->name,
-                                        d.law.info->equation, thermal::name(d.thermal.order));
+std::string fmu_description(const FmuAbout& about, const std::vector<FmuVariable>& variables, int version) {
   std::string text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
-  text += fmt::format("<fmiModelDescription fmiVersion=\"{}.0\" modelName=\"{}\" {}=\"@TOKEN@\"\n   ", version, name,
-                      version == 3 ? "instantiationToken" : "guid");
-  text += attribute("description", about) + " license=\"documentation/licenses/license.txt\"";
+  text += fmt::format("<fmiModelDescription fmiVersion=\"{}.0\" modelName=\"{}\" {}=\"@TOKEN@\"\n   ", version,
+                      about.name, version == 3 ? "instantiationToken" : "guid");
+  text += attribute("description", about.text) + " license=\"documentation/licenses/license.txt\"";
   text += "\n    generationTool=\"tribotwin\" variableNamingConvention=\"flat\"";
   text += version == 3 ? ">\n" : " numberOfEventIndicators=\"0\">\n";
-  text += version == 3 ? fmt::format(co_simulation_3, name) : fmt::format(co_simulation_2, name);
-  text += unit_definitions(variables) + logs + "  <ModelVariables>\n";
+  text += co_simulation(about, version) + unit_definitions(variables);
+  text += fmt::format(logs, about.stop_s, about.step_s) + "  <ModelVariables>\n";
   for (std::size_t i = 0; i < variables.size(); ++i) text += variable(variables[i], i, version);
   return text + "  </ModelVariables>\n" + structure(variables, version) + "</fmiModelDescription>\n";
+}
+
+std::string fmu_description(const drive::Drive& d, const std::string& name, int version) {
+  const std::string about = fmt::format("friction of a robot joint: law {}, {}; thermal model {}", d.law.info->name,
+                                        d.law.info->equation, thermal::name(d.thermal.order));
+  return fmu_description({.name = name, .text = about}, fmu_variables(d), version);
 }
 
 std::string fmu_build_description(const std::string& name) {
@@ -176,14 +189,18 @@ std::string fmu_build_description(const std::string& name) {
                      name);
 }
 
-std::string fmu_page(const drive::Drive& d, const std::string& name) {
+std::string fmu_variable_rows(const std::vector<FmuVariable>& variables) {
   std::string rows;
-  for (const FmuVariable& v : fmu_variables(d)) {
+  for (const FmuVariable& v : variables) {
     const Words words = words_of(v);
     rows += fmt::format("<tr><td>{}</td><td>{}</td><td>{}, {}</td><td>{}</td></tr>\n", escaped(v.name),
                         escaped(v.unit.empty() ? "Boolean" : v.unit), words.causality, words.variability,
                         escaped(v.meaning));
   }
+  return rows;
+}
+
+std::string fmu_page(const drive::Drive& d, const std::string& name) {
   return fmt::format(R"(<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{0}</title></head><body>
 <h1>{0}</h1>
@@ -199,7 +216,7 @@ operations (-ffp-contract=off).</p>
 </body></html>
 )",
                      name, escaped(d.law.info->name), escaped(d.law.info->equation), escaped(d.law.info->source),
-                     d.offset_nm, rows);
+                     d.offset_nm, fmu_variable_rows(fmu_variables(d)));
 }
 
 }  // namespace tribotwin::twin

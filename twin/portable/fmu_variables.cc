@@ -20,6 +20,10 @@ void add_symbol(FmuUnit& unit, std::string_view symbol, int power) {
     add(1, 2, -2, 0, 0);
   else if (symbol == "W")
     add(1, 2, -3, 0, 0);
+  else if (symbol == "N")
+    add(1, 1, -2, 0, 0);
+  else if (symbol == "m")
+    add(0, 1, 0, 0, 0);
   else if (symbol == "s")
     add(0, 0, 1, 0, 0);
   else if (symbol == "rad")

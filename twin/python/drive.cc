@@ -27,6 +27,12 @@ speed_rad_s: of the joint [rad/s, arm side]. load_nm: what the gear transmits to
 [s]. Numbers, or arrays of one step after the other. Returns the friction of the gear [Nm, arm side, positive with
 motion]; at speed 0 it is that of the bristles, or 0, and limit_nm has what holds.)";
 
+constexpr const char* about_limit = R"(Limit of a joint's friction constraint [Nm, arm side], from numbers or arrays.
+
+drive: its law and gear; its state, faults, brake and bristles do not count (Drive.begin_step has them). speed_rad_s: of
+the joint [rad/s, arm side]; 0 gives what breaks it away. load_nm: gear torque of the step before [Nm, arm side].
+temperature_degC: of the lubricant [degC].)";
+
 constexpr const char* about_begin = R"(Starts a step and returns the limit of the friction constraint [Nm, arm side].
 
 time_s: of its start [s]. speed_rad_s, position_rad: of the joint [rad/s, rad, arm side]. With bristles (friction
@@ -72,6 +78,24 @@ py::object slide(PythonDrive& d, py::object speed, py::object load, double dt_s)
       friction[i] = drive::slide(d.drive, decay, speeds[i], loads[i], d.sliding);
   }
   return array_of(std::move(friction), {arrays[0].shape(), arrays[0].shape() + arrays[0].ndim()});
+}
+
+py::object friction_limit(const PythonDrive& d, py::object speed, py::object load, py::object temperature) {
+  const auto arrays = broadcast({std::move(speed), std::move(load), std::move(temperature)});
+  const double u = d.drive.speed_scale(), scale = d.drive.torque_scale_nm(), torque_max_nm = d.drive.torque_max_nm;
+  const auto limit = [&](double speed_rad_s, double load_nm, const friction::AtTemperature& at) {
+    return drive::level(d.drive, at, speed_rad_s * u, load_nm / torque_max_nm).total() * scale;
+  };
+  const double *speeds = arrays[0].data(), *loads = arrays[1].data(), *temperatures = arrays[2].data();
+  if (arrays[0].ndim() == 0)
+    return py::float_(limit(*speeds, *loads, friction::at_temperature(d.drive.law, *temperatures)));
+  std::vector<double> limits(static_cast<std::size_t>(arrays[0].size()));
+  {
+    const py::gil_scoped_release release;
+    for (std::size_t i = 0; i < limits.size(); ++i)
+      limits[i] = limit(speeds[i], loads[i], friction::at_temperature(d.drive.law, temperatures[i]));
+  }
+  return array_of(std::move(limits), {arrays[0].shape(), arrays[0].shape() + arrays[0].ndim()});
 }
 
 double begin_step(PythonDrive& d, double time_s, double speed_rad_s, double position_rad) {
@@ -221,6 +245,8 @@ void bind_drives(py::module_& m) {
       .def_property_readonly(
           "gear_ratio", [](const PythonDrive& d) { return d.drive.gear_ratio; }, "Motor turns per joint turn.");
   bind_state(c);
+  m.def("friction_limit", &friction_limit, py::arg("drive"), py::arg("speed_rad_s"), py::arg("load_nm"),
+        py::arg("temperature_degC"), about_limit);
 }
 
 }  // namespace tribotwin::python

@@ -174,7 +174,26 @@ made = run(program, "add-drives", gantry, "-o", "gantry.xml")
 if check("a gantry", made.returncode == 0, made.stderr):
     slide = re.search(r'joint="([^"]*)"', content("gantry.xml")).group(1)
     refuse("a slide", "is a slide", "gantry.xml", "--joint", slide, "--fmu", "x.fmu")
+refuse("--commands of a joint", "the FMU of a robot", *joint2, "--fmu", "x.fmu", "--commands", "torque")
+refuse("--joint of a robot", "belong to one joint", "irb6620_hold", "--joint", "joint2", "--fmu", "x.fmu")
+refuse("several runs", "several runs (vary)", "rh380n_tracking", "--fmu", "x.fmu")
+refuse("a robot's name", "--name 1st", "irb6620_hold", "--name", "1st", "--fmu", "x.fmu")
 check("nothing half-written", not os.path.exists(path("x.fmu")))
+
+made = run(program, "export", "irb6620_hold", "--fmu", "robot.fmu", "--commands", "position")
+check("a robot", made.returncode == 0 and made.stdout == made.stderr == "", made.stderr)
+kinds = {name: (a["causality"], t.get("unit")) for name, (a, t) in described("robot.fmu")[1].items()}
+check("its inputs", kinds.get("joint2.position_command_rad") == ("input", "rad"), str(kinds))
+quantities = "position_rad velocity_rad_s torque_nm friction_nm load_nm temperature_degC heat_J".split()
+units = [kinds.get(f"joint6.{q}") for q in quantities]
+check("its outputs", units == [("output", u) for u in ("rad", "rad/s", "N.m", "N.m", "N.m", "degC", "J")], str(units))
+names = zipfile.ZipFile(path("robot.fmu")).namelist()
+check("its resources", {"resources/scenario.yaml", "resources/model1/model.xml"} < set(names), str(names))
+check(
+    "what it needs", b"libmujoco" in zipfile.ZipFile(path("robot.fmu")).read("documentation/externalDependencies.txt")
+)
+made = run(program, "export", "irb6620_warmup", "--fmu", "warm.fmu", "--fmi", 3)
+check("cycles that a run skips are said", made.returncode == 0 and "multirate is on" in made.stderr, made.stderr)
 made = run(program, "export", *joint2, "--fmu", "two.fmu", "--force")
 check("--force", made.returncode == 0, made.stderr)
 finish()

@@ -3,7 +3,11 @@
 #include <array>
 #include <cstdarg>
 #include <cstdint>
+#include <iterator>
+#include <map>
 #include <memory>
+#include <regex>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -16,7 +20,7 @@
 /// that the FMU is made of.
 namespace tribotwin::twin {
 
-enum Status { ok, warning, discard, error, fatal };
+enum FmiStatus { ok, warning, discard, error, fatal };
 
 /// What instances have reported since it was cleared.
 inline std::vector<std::string>& reported() {
@@ -43,48 +47,65 @@ class Library {
   void* handle_;
 };
 
+/// What modelDescription.xml says: value references by name, and the token.
+struct Described {
+  explicit Described(const std::string& xml) {
+    const std::regex variable("<\\w+ name=\"([^\"]+)\" valueReference=\"(\\d+)\"");
+    for (std::sregex_iterator at(xml.begin(), xml.end(), variable), end; at != end; ++at)
+      references[(*at)[1]] = static_cast<unsigned>(std::stoul((*at)[2]));
+    std::smatch found;
+    std::regex_search(xml, found, std::regex("(guid|instantiationToken)=\"([^\"]*)\""));
+    token = found[2];
+  }
+  std::map<std::string, unsigned> references;
+  std::string token;
+};
+
 /// An instance, under either version.
 class Instance {
  public:
   virtual ~Instance() = default;
   virtual bool exists() const = 0;
-  virtual Status enter(double start_s, bool has_stop = false, double stop_s = 0) = 0;
-  virtual Status step(double time_s, double dt_s) = 0;
-  virtual Status get(const std::vector<unsigned>& references, double* values) = 0;
-  virtual Status set(const std::vector<unsigned>& references, const double* values) = 0;
-  virtual Status outside(unsigned reference, bool& value) = 0;
+  virtual FmiStatus enter(double start_s, bool has_stop = false, double stop_s = 0) = 0;
+  virtual FmiStatus step(double time_s, double dt_s) = 0;
+  virtual FmiStatus get(const std::vector<unsigned>& references, double* values) = 0;
+  virtual FmiStatus set(const std::vector<unsigned>& references, const double* values) = 0;
+  virtual FmiStatus outside(unsigned reference, bool& value) = 0;
 
   void* handle() const { return instance_; }
-  Status exit() { return call("ExitInitializationMode"); }
-  Status terminate() { return call("Terminate"); }
-  Status reset() { return call("Reset"); }
+  FmiStatus exit() { return call("ExitInitializationMode"); }
+  FmiStatus terminate() { return call("Terminate"); }
+  FmiStatus reset() { return call("Reset"); }
   double get(unsigned reference) {
     double value = -12345;
     if (get({reference}, &value) != ok) throw std::runtime_error("get failed");
     return value;
   }
-  Status set(unsigned reference, double value) { return set({reference}, &value); }
-  Status save(void** state) { return on_state<Status(void*, void**)>("Get", "", state); }
-  Status restore(void* state) { return on_state<Status(void*, void*)>("Set", "", state); }
-  Status release(void** state) { return on_state<Status(void*, void**)>("Free", "", state); }
+  FmiStatus set(unsigned reference, double value) { return set({reference}, &value); }
+  FmiStatus save(void** state) { return on_state<FmiStatus(void*, void**)>("Get", "", state); }
+  FmiStatus restore(void* state) { return on_state<FmiStatus(void*, void*)>("Set", "", state); }
+  FmiStatus release(void** state) { return on_state<FmiStatus(void*, void**)>("Free", "", state); }
   std::vector<char> serialized(void* state) {
     std::size_t size = 0;
-    if (on_state<Status(void*, void*, std::size_t*)>("Serialized", "Size", state, &size) != ok) return {};
+    if (on_state<FmiStatus(void*, void*, std::size_t*)>("Serialized", "Size", state, &size) != ok) return {};
     std::vector<char> bytes(size);
-    const Status made = on_state<Status(void*, void*, char*, std::size_t)>("Serialize", "", state, bytes.data(), size);
+    const FmiStatus made =
+        on_state<FmiStatus(void*, void*, char*, std::size_t)>("Serialize", "", state, bytes.data(), size);
     return made == ok ? bytes : std::vector<char>();
   }
-  Status deserialize(const std::vector<char>& bytes, void** state) {
+  FmiStatus deserialize(const std::vector<char>& bytes, void** state) {
     const char* verb = version_ == FmiVersion::two ? "DeSerialize" : "Deserialize";
-    return on_state<Status(void*, const char*, std::size_t, void**)>(verb, "", bytes.data(), bytes.size(), state);
+    return on_state<FmiStatus(void*, const char*, std::size_t, void**)>(verb, "", bytes.data(), bytes.size(), state);
   }
-  Status call(const std::string& function) { return library_.function<Status(void*)>(prefix_ + function)(instance_); }
+  FmiStatus call(const std::string& function) {
+    return library_.function<FmiStatus(void*)>(prefix_ + function)(instance_);
+  }
 
  protected:
   Instance(const Library& library, FmiVersion version)
       : library_(library), version_(version), prefix_(version == FmiVersion::two ? "fmi2" : "fmi3") {}
   template <class Function, class... Arguments>
-  Status on_state(const std::string& verb, const std::string& end, Arguments... arguments) {
+  FmiStatus on_state(const std::string& verb, const std::string& end, Arguments... arguments) {
     const std::string noun = version_ == FmiVersion::two ? "FMUstate" : "FMUState";
     return library_.function<Function>(prefix_ + verb + noun + end)(instance_, arguments...);
   }
@@ -97,33 +118,36 @@ class Instance {
 
 class Instance2 final : public Instance {
  public:
-  Instance2(const Library& library, const std::string& token, int type = 1) : Instance(library, FmiVersion::two) {
+  Instance2(const Library& library, const std::string& token, int type = 1, const std::string& resources = "")
+      : Instance(library, FmiVersion::two) {
     using Create = void*(const char*, int, const char*, const char*, const void*, int, int);
-    instance_ = library.function<Create>("fmi2Instantiate")("one", type, token.c_str(), "", &callbacks_, 0, 0);
+    instance_ =
+        library.function<Create>("fmi2Instantiate")("one", type, token.c_str(), resources.c_str(), &callbacks_, 0, 0);
   }
   ~Instance2() override { library_.function<void(void*)>("fmi2FreeInstance")(instance_); }
   bool exists() const override { return instance_; }
-  Status enter(double start_s, bool has_stop, double stop_s) override {
-    using Setup = Status(void*, int, double, double, int, double);
-    const Status set_up = library_.function<Setup>("fmi2SetupExperiment")(instance_, 0, 0, start_s, has_stop, stop_s);
+  FmiStatus enter(double start_s, bool has_stop, double stop_s) override {
+    using Setup = FmiStatus(void*, int, double, double, int, double);
+    const FmiStatus set_up =
+        library_.function<Setup>("fmi2SetupExperiment")(instance_, 0, 0, start_s, has_stop, stop_s);
     return set_up == ok ? call("EnterInitializationMode") : set_up;
   }
-  Status step(double time_s, double dt_s) override {
-    return library_.function<Status(void*, double, double, int)>("fmi2DoStep")(instance_, time_s, dt_s, 1);
+  FmiStatus step(double time_s, double dt_s) override {
+    return library_.function<FmiStatus(void*, double, double, int)>("fmi2DoStep")(instance_, time_s, dt_s, 1);
   }
   using Instance::get, Instance::set;
-  Status get(const std::vector<unsigned>& references, double* values) override {
-    using Get = Status(void*, const unsigned*, std::size_t, double*);
+  FmiStatus get(const std::vector<unsigned>& references, double* values) override {
+    using Get = FmiStatus(void*, const unsigned*, std::size_t, double*);
     return library_.function<Get>("fmi2GetReal")(instance_, references.data(), references.size(), values);
   }
-  Status set(const std::vector<unsigned>& references, const double* values) override {
-    using Set = Status(void*, const unsigned*, std::size_t, const double*);
+  FmiStatus set(const std::vector<unsigned>& references, const double* values) override {
+    using Set = FmiStatus(void*, const unsigned*, std::size_t, const double*);
     return library_.function<Set>("fmi2SetReal")(instance_, references.data(), references.size(), values);
   }
-  Status outside(unsigned reference, bool& value) override {
+  FmiStatus outside(unsigned reference, bool& value) override {
     int got = -1;
-    using Get = Status(void*, const unsigned*, std::size_t, int*);
-    const Status status = library_.function<Get>("fmi2GetBoolean")(instance_, &reference, 1, &got);
+    using Get = FmiStatus(void*, const unsigned*, std::size_t, int*);
+    const FmiStatus status = library_.function<Get>("fmi2GetBoolean")(instance_, &reference, 1, &got);
     value = got == 1;
     return status;
   }
@@ -145,41 +169,43 @@ class Instance2 final : public Instance {
 
 class Instance3 final : public Instance {
  public:
-  Instance3(const Library& library, const std::string& token, bool event_mode = false)
+  Instance3(const Library& library, const std::string& token, bool event_mode = false,
+            const std::string& resources = "")
       : Instance(library, FmiVersion::three) {
     using Create = void*(const char*, const char*, const char*, bool, bool, bool, bool, const unsigned*, std::size_t,
                          void*, void (*)(void*, int, const char*, const char*), void*);
     instance_ = library.function<Create>("fmi3InstantiateCoSimulation")(
-        "one", token.c_str(), nullptr, false, false, event_mode, true, nullptr, 0, nullptr, log, nullptr);
+        "one", token.c_str(), resources.empty() ? nullptr : resources.c_str(), false, false, event_mode, true, nullptr,
+        0, nullptr, log, nullptr);
   }
   ~Instance3() override { library_.function<void(void*)>("fmi3FreeInstance")(instance_); }
   bool exists() const override { return instance_; }
-  Status enter(double start_s, bool has_stop, double stop_s) override {
-    using Enter = Status(void*, bool, double, double, bool, double);
+  FmiStatus enter(double start_s, bool has_stop, double stop_s) override {
+    using Enter = FmiStatus(void*, bool, double, double, bool, double);
     return library_.function<Enter>("fmi3EnterInitializationMode")(instance_, false, 0, start_s, has_stop, stop_s);
   }
-  Status step(double time_s, double dt_s) override {
+  FmiStatus step(double time_s, double dt_s) override {
     bool event = true, stop = true, early = true;
     double last = -1;
-    using Step = Status(void*, double, double, bool, bool*, bool*, bool*, double*);
-    const Status status =
+    using Step = FmiStatus(void*, double, double, bool, bool*, bool*, bool*, double*);
+    const FmiStatus status =
         library_.function<Step>("fmi3DoStep")(instance_, time_s, dt_s, true, &event, &stop, &early, &last);
     if (status == ok && (event || stop || early || last != time_s + dt_s)) return fatal;
     return status;
   }
   using Instance::get, Instance::set;
-  Status get(const std::vector<unsigned>& references, double* values) override {
-    using Get = Status(void*, const unsigned*, std::size_t, double*, std::size_t);
+  FmiStatus get(const std::vector<unsigned>& references, double* values) override {
+    using Get = FmiStatus(void*, const unsigned*, std::size_t, double*, std::size_t);
     const std::size_t n = references.size();
     return library_.function<Get>("fmi3GetFloat64")(instance_, references.data(), n, values, n);
   }
-  Status set(const std::vector<unsigned>& references, const double* values) override {
-    using Set = Status(void*, const unsigned*, std::size_t, const double*, std::size_t);
+  FmiStatus set(const std::vector<unsigned>& references, const double* values) override {
+    using Set = FmiStatus(void*, const unsigned*, std::size_t, const double*, std::size_t);
     const std::size_t n = references.size();
     return library_.function<Set>("fmi3SetFloat64")(instance_, references.data(), n, values, n);
   }
-  Status outside(unsigned reference, bool& value) override {
-    using Get = Status(void*, const unsigned*, std::size_t, bool*, std::size_t);
+  FmiStatus outside(unsigned reference, bool& value) override {
+    using Get = FmiStatus(void*, const unsigned*, std::size_t, bool*, std::size_t);
     return library_.function<Get>("fmi3GetBoolean")(instance_, &reference, 1, &value, 1);
   }
 
@@ -189,9 +215,39 @@ class Instance3 final : public Instance {
   }
 };
 
-inline std::unique_ptr<Instance> instantiate(const Library& library, FmiVersion version, const std::string& token) {
-  if (version == FmiVersion::two) return std::make_unique<Instance2>(library, token);
-  return std::make_unique<Instance3>(library, token);
+inline std::unique_ptr<Instance> instantiate(const Library& library, FmiVersion version, const std::string& token,
+                                             const std::string& resources = "") {
+  if (version == FmiVersion::two) return std::make_unique<Instance2>(library, token, 1, resources);
+  return std::make_unique<Instance3>(library, token, false, resources);
+}
+
+// Integer and pointer arguments share registers, and doubles are not needed to refuse: zeros stand for all.
+using AnyFunction = FmiStatus(void*, std::size_t, std::size_t, std::size_t, std::size_t, std::size_t, std::size_t,
+                              std::size_t, std::size_t, double, double, double);
+
+/// The functions of the standard; of FMI 2.0 those for co-simulation.
+inline constexpr const char* functions_2 =
+    R"(GetTypesPlatform GetVersion SetDebugLogging Instantiate FreeInstance SetupExperiment EnterInitializationMode
+ExitInitializationMode Terminate Reset GetReal GetInteger GetBoolean GetString SetReal SetInteger SetBoolean
+SetString GetFMUstate SetFMUstate FreeFMUstate SerializedFMUstateSize SerializeFMUstate DeSerializeFMUstate
+GetDirectionalDerivative SetRealInputDerivatives GetRealOutputDerivatives DoStep CancelStep GetStatus GetRealStatus
+GetIntegerStatus GetBooleanStatus GetStringStatus)";
+inline constexpr const char* functions_3 =
+    R"(GetVersion SetDebugLogging InstantiateModelExchange InstantiateCoSimulation InstantiateScheduledExecution
+FreeInstance EnterInitializationMode ExitInitializationMode EnterEventMode Terminate Reset GetFloat32 GetFloat64
+GetInt8 GetUInt8 GetInt16 GetUInt16 GetInt32 GetUInt32 GetInt64 GetUInt64 GetBoolean GetString GetBinary GetClock
+SetFloat32 SetFloat64 SetInt8 SetUInt8 SetInt16 SetUInt16 SetInt32 SetUInt32 SetInt64 SetUInt64 SetBoolean SetString
+SetBinary SetClock GetNumberOfVariableDependencies GetVariableDependencies GetFMUState SetFMUState FreeFMUState
+SerializedFMUStateSize SerializeFMUState DeserializeFMUState GetDirectionalDerivative GetAdjointDerivative
+EnterConfigurationMode ExitConfigurationMode GetIntervalDecimal GetIntervalFraction GetShiftDecimal GetShiftFraction
+SetIntervalDecimal SetIntervalFraction SetShiftDecimal SetShiftFraction EvaluateDiscreteStates UpdateDiscreteStates
+EnterContinuousTimeMode CompletedIntegratorStep SetTime SetContinuousStates GetContinuousStateDerivatives
+GetEventIndicators GetContinuousStates GetNominalsOfContinuousStates GetNumberOfEventIndicators
+GetNumberOfContinuousStates EnterStepMode GetOutputDerivatives DoStep ActivateModelPartition)";
+
+inline std::vector<std::string> functions_of(FmiVersion version) {
+  std::istringstream words(version == FmiVersion::two ? functions_2 : functions_3);
+  return {std::istream_iterator<std::string>(words), {}};
 }
 
 }  // namespace tribotwin::twin

@@ -309,6 +309,8 @@ class Documentation(unittest.TestCase):
 
     def arguments_of(self, function):
         """Names of a bound function's arguments, from the signature that pybind11 writes."""
+        if inspect.isfunction(function):  # one in Python
+            return list(inspect.signature(function).parameters)
         head = function.__doc__.splitlines()[0]
         names = re.findall(r"(?:[(,] *)(\*|\w+)(?=[:,)])", re.sub(r"\[[^\[\]]*\]|\{[^}]*\}", "", head))
         return [name for name in names if name not in ("*", "self")]
@@ -382,6 +384,45 @@ class Documentation(unittest.TestCase):
                 text=True,
             )
             self.assertIn("was built for another Python than this", r.stderr)
+
+
+class FrictionLimit(unittest.TestCase):
+    keys = {"law": "extended", **M_STAR.parameters, "torque_max_nm": 250, "gear_ratio": 101, "T_amb": 45}
+
+    def test_is_that_of_a_step(self):
+        for more in ({}, {"asymmetry": 0.2}, {"law": "stribeck", **tribotwin.Law("stribeck").parameters}):
+            keys = {**self.keys, **more} if "law" not in more else {**more, "torque_max_nm": 250, "gear_ratio": 101}
+            for speed in (-2.5, -1e-3, 0.0, 0.02, 1.5):
+                for load in (-200.0, 0.0, 90.0):
+                    drive = tribotwin.Drive(keys)
+                    drive.temperature_degC, drive.load_nm = 52.0, load
+                    now = tribotwin.friction_limit(drive, speed, load, drive.temperature_degC)
+                    self.assertEqual(now, drive.begin_step(0, speed))
+
+    def test_arrays(self):
+        drive = tribotwin.Drive(self.keys)
+        speed, load = np.linspace(-2, 2, 5)[:, None], np.array([0.0, 50.0])
+        all_of_them = tribotwin.friction_limit(drive, speed, load, 50.0)
+        self.assertEqual(all_of_them.shape, (5, 2))
+        one = tribotwin.friction_limit(drive, float(speed[1, 0]), 50.0, 50.0)
+        self.assertIsInstance(one, float)
+        self.assertEqual(all_of_them[1, 1], one)
+
+    def test_is_written_where_the_solver_reads(self):
+        class Data:  # as mujoco.MjData: two equality rows, friction of dofs 4 and 1 and of a tendon, a contact
+            ne, nf, nisland = 2, 3, 0
+            efc_type, efc_id = np.array([0, 0, 1, 1, 2, 5]), np.array([1, 4, 4, 1, 1, 1])
+            efc_frictionloss = np.ones(6)
+
+        data = Data()
+        tribotwin.write_friction_limit(data, 1, 7.5)
+        np.testing.assert_array_equal(data.efc_frictionloss, [1, 1, 1, 7.5, 1, 1])
+        data.nisland, data.map_efc2iefc, data.iefc_frictionloss = 2, np.array([5, 4, 3, 2, 1, 0]), np.ones(6)
+        tribotwin.write_friction_limit(data, 4, 2.5)
+        np.testing.assert_array_equal(data.efc_frictionloss, [1, 1, 2.5, 7.5, 1, 1])
+        np.testing.assert_array_equal(data.iefc_frictionloss, [1, 1, 1, 2.5, 1, 1])
+        with refused(self, "dof 3 has no friction row"):
+            tribotwin.write_friction_limit(data, 3, 1.0)
 
 
 if __name__ == "__main__":

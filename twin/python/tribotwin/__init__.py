@@ -44,6 +44,7 @@ from ._tribotwin import (
     __version__,
     drive_keys,
     faults,
+    friction_limit,
     identify,
     identify_files,
     laws,
@@ -72,6 +73,7 @@ __all__ = [
     '__version__',
     'drive_keys',
     'faults',
+    'friction_limit',
     'identify',
     'identify_files',
     'laws',
@@ -80,4 +82,26 @@ __all__ = [
     'read_healthy',
     'read_run',
     'run',
+    'write_friction_limit',
 ]
+
+
+def write_friction_limit(data, dof, limit_nm):
+    """Writes a friction limit [Nm] into the constraint row of a joint, for the step that mj_step2 ends.
+
+    data: a mujoco.MjData between mj_step1 and mj_step2 (package mujoco, 3.2 or newer). dof: the joint's place in qvel.
+    The joint needs frictionloss above 0 in its model. mj_step1 and mj_step2 step with Euler where a model asks for
+    RK4.
+    """
+    friction_of_a_joint = 1  # mjCNSTR_FRICTION_DOF
+    for row in range(data.ne, data.ne + data.nf):
+        if data.efc_type[row] == friction_of_a_joint and data.efc_id[row] == dof:
+            data.efc_frictionloss[row] = limit_nm
+            if data.nisland > 0 and hasattr(data, 'map_efc2iefc'):  # from 3.3.3 on islands solve a copy of the row
+                copy = data.map_efc2iefc[row]
+                if copy >= 0:
+                    data.iefc_frictionloss[copy] = limit_nm
+            return
+    error = Error(f'dof {dof} has no friction row; its joint needs frictionloss above 0 in the model')
+    error.kind = 'input'
+    raise error
