@@ -454,7 +454,7 @@ std::string curves(const Figure& f, FigureSize size) {
   std::size_t strokes = 0;
   for (std::size_t i = 0; i < f.series.size(); ++i) {
     const Series& c = f.series[i];
-    const theme::Stroke stroke = theme::stroke(c.stroke ? *c.stroke : c.label.empty() ? strokes : strokes++);
+    const theme::Stroke stroke = theme::stroke(stroke_of(c, strokes));
     s += fmt::format("$s{} << END\n{}END\n", i, data(f, c, stroke, ranges));
     if (c.mark == Mark::bars) {
       ranges.y.add(0);

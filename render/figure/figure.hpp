@@ -42,6 +42,11 @@ struct Series {
   std::optional<std::size_t> stroke{};  ///< of theme::stroke; else counted up over the series with a label
 };
 
+/// The stroke of the next series of a figure; `counted` goes on over those with a label and none of their own.
+inline std::size_t stroke_of(const Series& s, std::size_t& counted) {
+  return s.stroke ? *s.stroke : s.label.empty() ? counted : counted++;
+}
+
 /// z over a grid: z[row of y][column of x]; coloured by z.
 struct Surface {
   std::vector<double> x, y;
