@@ -440,6 +440,9 @@ std::string look(const Figure& f, const Series& c, const theme::Stroke& stroke) 
     case Mark::bars:
       return fmt::format("1:2:({}) with boxes fillstyle solid 0.75 noborder linecolor rgb {}", 0.92 * bar_width(c),
                          colour);
+    case Mark::band:
+      return fmt::format("1:2 with filledcurves closed fillstyle transparent solid 0.2 noborder linecolor rgb {}",
+                         colour);
     case Mark::area:
       return fmt::format(
           "1:2 with filledcurves closed fillstyle transparent solid 0.12 border linewidth 1.6 linecolor rgb {}",

@@ -25,7 +25,8 @@ enum class Mark {
   points,      ///< small and translucent where they are many
   error_bars,  ///< points with y +- error
   bars,        ///< from 0 to y, centred on evenly spaced x
-  area         ///< closed outline, lightly filled
+  area,        ///< closed outline, lightly filled
+  band         ///< the same without outline, for the uncertainty of a line
 };
 
 /// Of Mark::points; circle and cross are larger, so that shapes differ without colour, and so is disc, for few points

@@ -45,6 +45,8 @@ const char* name(Mark mark) {
       return "bars";
     case Mark::area:
       return "area";
+    case Mark::band:
+      return "band";
   }
   return "";
 }

@@ -100,7 +100,10 @@ class Chart {
       if (!series.label) return;
       const button = node('button', { type: 'button', 'aria-pressed': 'true' }, this.sample(series), series.label);
       button.onclick = () => {
-        if (!this.hidden.delete(i)) this.hidden.add(i);
+        // All bands at once: one entry of the key stands for them.
+        const alike = (other, k) => k === i || (series.mark === 'band' && other.mark === 'band');
+        const hide = !this.hidden.has(i);
+        this.data.series.forEach((other, k) => alike(other, k) && this.hidden[hide ? 'add' : 'delete'](k));
         button.setAttribute('aria-pressed', String(!this.hidden.has(i)));
         this.draw();
       };
@@ -111,7 +114,7 @@ class Chart {
 
   sample(series) {
     const svg = drawn('svg', { class: 'sample', viewBox: '0 0 26 10', 'aria-hidden': 'true' });
-    const area = ['area', 'bars'].includes(series.mark), points = /points|error/.test(series.mark);
+    const area = ['area', 'bars', 'band'].includes(series.mark), points = /points|error/.test(series.mark);
     const stroke = this.colour(series);
     const line = { d: 'M0 5H26', 'stroke-width': 2, 'stroke-dasharray': this.dash(series) };
     const dot = { d: 'M13 5h0', 'stroke-width': 6, 'stroke-linecap': 'round' };
@@ -246,7 +249,8 @@ class Chart {
     const { mark } = series, stroke = this.colour(series), dash = this.dash(series);
     if (mark === 'points' || mark === 'error_bars') return this.points(series);
     if (mark === 'bars') return [drawn('path', { d: this.bars(series), fill: stroke, 'fill-opacity': 0.75 })];
-    const d = this.line(series) + (mark === 'area' ? 'Z' : '');
+    const d = this.line(series) + (mark === 'area' || mark === 'band' ? 'Z' : '');
+    if (mark === 'band') return [drawn('path', { d, fill: stroke, 'fill-opacity': 0.2 })];
     return [drawn('path', { d, stroke, 'stroke-width': mark === 'reference' ? 1.2 : 1.8, 'stroke-dasharray': dash,
       fill: mark === 'area' ? stroke : 'none', 'fill-opacity': 0.12 })];
   }
@@ -346,7 +350,7 @@ class Chart {
   /// The nearest point of any curve.
   near([x, y]) {
     let best = null;
-    for (const series of this.visible())
+    for (const series of this.visible().filter(({ mark }) => mark !== 'band'))
       series.x.forEach((at, k) => {
         if (at === null || series.y[k] === null) return;
         const far = Math.hypot(this.px(at) - x, this.py(series.y[k]) - y);
