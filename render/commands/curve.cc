@@ -45,6 +45,8 @@ struct Subject {
   drive::Drive drive;
   ReadOptions read;  ///< of measured points
   bool slide = false;
+  std::optional<ParameterUncertainty> uncertainty{};  ///< of an identified law
+  const ParameterUncertainty* band() const { return uncertainty ? &*uncertainty : nullptr; }
 };
 
 Subject identified_law(const Arguments& a) {
@@ -52,7 +54,8 @@ Subject identified_law(const Arguments& a) {
   const auto file = twin::or_wrong_input(read_parameter_file(a.model, a.read));
   return {.name = std::filesystem::path(a.model).stem().string(),
           .drive = drawn_drive(file),
-          .read = {.torque_max_nm = file.torque_max_nm, .gear_ratio = file.gear_ratio}};
+          .read = {.torque_max_nm = file.torque_max_nm, .gear_ratio = file.gear_ratio},
+          .uncertainty = uncertainty_of(file)};
 }
 
 Subject joint_of_model(const Arguments& a) {
@@ -136,7 +139,8 @@ Figure figure_of(const std::string& over, const Subject& subject, const Conditio
   if (over == "load") {
     if (!law.load_dependent) twin::note("law '{}' does not depend on load", law.name);
     const std::string at = law.temperature_dependent ? fmt::format(" at {:.4g} °C", c.temperatures[0]) : "";
-    return friction_against_load(subject.drive, of + at, c.speed_max_rad_s, c.temperatures[0], c.loads, points);
+    return friction_against_load(subject.drive, of + at, c.speed_max_rad_s, c.temperatures[0], c.loads, points,
+                                 subject.band());
   }
   if (!law.temperature_dependent) twin::note("law '{}' does not depend on temperature", law.name);
   const std::string title = of + (law.load_dependent ? fmt::format(" at a load of {:g}", c.loads[0]) : "");
@@ -145,8 +149,9 @@ Figure figure_of(const std::string& over, const Subject& subject, const Conditio
     return friction_surface(subject.drive, title, c.speed_max_rad_s, c.loads[0], low, std::max(high, low + 1));
   }
   if (!law.temperature_dependent)
-    return friction_against_speed(subject.drive, title, c.speed_max_rad_s, c.loads[0], points);
-  return friction_against_temperature(subject.drive, title, c.speed_max_rad_s, c.loads[0], c.temperatures, points);
+    return friction_against_speed(subject.drive, title, c.speed_max_rad_s, c.loads[0], points, subject.band());
+  return friction_against_temperature(subject.drive, title, c.speed_max_rad_s, c.loads[0], c.temperatures, points,
+                                      subject.band());
 }
 
 int execute(const Arguments& a) {

@@ -440,6 +440,9 @@ std::string look(const Figure& f, const Series& c, const theme::Stroke& stroke) 
     case Mark::bars:
       return fmt::format("1:2:({}) with boxes fillstyle solid 0.75 noborder linecolor rgb {}", 0.92 * bar_width(c),
                          colour);
+    case Mark::band:
+      return fmt::format("1:2 with filledcurves closed fillstyle transparent solid 0.2 noborder linecolor rgb {}",
+                         colour);
     case Mark::area:
       return fmt::format(
           "1:2 with filledcurves closed fillstyle transparent solid 0.12 border linewidth 1.6 linecolor rgb {}",
@@ -454,7 +457,7 @@ std::string curves(const Figure& f, FigureSize size) {
   std::size_t strokes = 0;
   for (std::size_t i = 0; i < f.series.size(); ++i) {
     const Series& c = f.series[i];
-    const theme::Stroke stroke = theme::stroke(c.stroke ? *c.stroke : c.label.empty() ? strokes : strokes++);
+    const theme::Stroke stroke = theme::stroke(stroke_of(c, strokes));
     s += fmt::format("$s{} << END\n{}END\n", i, data(f, c, stroke, ranges));
     if (c.mark == Mark::bars) {
       ranges.y.add(0);

@@ -25,7 +25,8 @@ enum class Mark {
   points,      ///< small and translucent where they are many
   error_bars,  ///< points with y +- error
   bars,        ///< from 0 to y, centred on evenly spaced x
-  area         ///< closed outline, lightly filled
+  area,        ///< closed outline, lightly filled
+  band         ///< the same without outline, for the uncertainty of a line
 };
 
 /// Of Mark::points; circle and cross are larger, so that shapes differ without colour, and so is disc, for few points
@@ -41,6 +42,11 @@ struct Series {
   Shape shape = Shape::dot;
   std::optional<std::size_t> stroke{};  ///< of theme::stroke; else counted up over the series with a label
 };
+
+/// The stroke of the next series of a figure; `counted` goes on over those with a label and none of their own.
+inline std::size_t stroke_of(const Series& s, std::size_t& counted) {
+  return s.stroke ? *s.stroke : s.label.empty() ? counted : counted++;
+}
 
 /// z over a grid: z[row of y][column of x]; coloured by z.
 struct Surface {

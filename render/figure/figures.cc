@@ -26,6 +26,30 @@ Series law_series(const drive::Drive& drive, const LawAxes& axes, double speed_m
   return s;
 }
 
+/// A curve of the law and, below it, its band. `shade` is empty where the figure has no colour axis.
+void add_law(Figure& f, const drive::Drive& drive, double speed_max, double load, double temperature,
+             std::vector<double> shade, const ParameterUncertainty* uncertainty) {
+  const LawAxes axes(drive);
+  Series curve = law_series(drive, axes, speed_max, load, temperature);
+  curve.shade = shade;
+  if (shade.empty()) curve.stroke = 0;
+  if (uncertainty) {
+    const bool first = f.series.empty();
+    Series band{.mark = Mark::band, .label = first ? "95 % band" : "", .shade = std::move(shade), .stroke = 0};
+    const std::size_t n = curve.x.size();
+    band.x.resize(2 * n), band.y.resize(2 * n);
+    for (std::size_t i = 0; i < n; ++i) {
+      const double half =
+          axes.per_nm * half_width_nm(drive, *uncertainty, curve.x[i] / axes.per_joint_rad_s, load, temperature);
+      band.x[i] = band.x[2 * n - 1 - i] = curve.x[i];
+      band.y[i] = curve.y[i] + half;
+      band.y[2 * n - 1 - i] = std::max(0.0, curve.y[i] - half);
+    }
+    f.series.push_back(std::move(band));
+  }
+  f.series.push_back(std::move(curve));
+}
+
 /// Adds one series of plain points and one with error bars, where there are such points. `shade` gives their place on
 /// the colour axis.
 void add_points(Figure& figure, const LawAxes& axes, std::span<const FrictionPoint> points,
@@ -110,6 +134,30 @@ LawAxes::LawAxes(const drive::Drive& drive) {
   per_nm = parts ? 1 / drive.torque_max_nm : 1;
 }
 
+double half_width_nm(const drive::Drive& drive, const ParameterUncertainty& uncertainty, double speed, double load,
+                     double temperature) {
+  const auto values = drive.law.values();
+  const std::size_t n = values.size();
+  Eigen::VectorXd slope = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(n));
+  Eigen::MatrixXd covariance(slope.size(), slope.size());
+  for (std::size_t i = 0; i < n; ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    for (std::size_t k = 0; k < n; ++k) covariance(row, static_cast<Eigen::Index>(k)) = uncertainty.covariance[i][k];
+    const double sigma = std::sqrt(covariance(row, row));
+    if (!(sigma > 0)) continue;
+    const double step = std::max(0.05 * sigma, 1e-6 * std::abs(values[i]));
+    const auto friction = [&](double change) {
+      std::vector<double> changed(values.begin(), values.end());
+      changed[i] += change;
+      drive::Drive other = drive;
+      other.law = friction::with_parameters(drive.law, changed);
+      return mujoco::friction_nm(other, speed, load, temperature);
+    };
+    slope[row] = (friction(step) - friction(-step)) / (2 * step);
+  }
+  return uncertainty.sigmas * std::sqrt(std::max(0.0, slope.dot(covariance * slope)));
+}
+
 Figure in_units_of(Figure law, bool slide) {
   for (Axis* axis : {&law.x, &law.y, law.z ? &*law.z : nullptr}) {
     if (!slide || !axis) continue;
@@ -121,7 +169,7 @@ Figure in_units_of(Figure law, bool slide) {
 
 Figure friction_against_temperature(const drive::Drive& drive, const std::string& title, double speed_max,
                                     double load_norm, std::span<const double> temperatures,
-                                    std::span<const FrictionPoint> points) {
+                                    std::span<const FrictionPoint> points, const ParameterUncertainty* uncertainty) {
   const LawAxes axes(drive);
   Figure f{.title = title, .x = axes.speed, .y = axes.friction};
   f.colour = Axis{.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"};
@@ -129,15 +177,15 @@ Figure friction_against_temperature(const drive::Drive& drive, const std::string
   for (const auto& p : points) all.push_back(p.temperature_degC);
   set_limits(*f.colour, all, temperature_span_K);
   for (const double t : temperatures) {
-    f.series.push_back(law_series(drive, axes, speed_max, load_norm, t));
-    f.series.back().shade = {t};
+    add_law(f, drive, speed_max, load_norm, t, {t}, uncertainty);
   }
   add_points(f, axes, points, &FrictionPoint::temperature_degC);
   return f;
 }
 
 Figure friction_against_load(const drive::Drive& drive, const std::string& title, double speed_max, double temperature,
-                             std::span<const double> loads, std::span<const FrictionPoint> points) {
+                             std::span<const double> loads, std::span<const FrictionPoint> points,
+                             const ParameterUncertainty* uncertainty) {
   const LawAxes axes(drive);
   Figure f{.title = title, .x = axes.speed, .y = axes.friction};
   f.colour = axes.load;
@@ -145,21 +193,20 @@ Figure friction_against_load(const drive::Drive& drive, const std::string& title
   for (const auto& p : points) all.push_back(p.load_norm);
   set_magnitudes(*f.colour, all, load_span);
   for (const double load : loads) {
-    f.series.push_back(law_series(drive, axes, speed_max, load, temperature));
-    f.series.back().shade = {load};
+    add_law(f, drive, speed_max, load, temperature, {load}, uncertainty);
   }
   add_points(f, axes, points, &FrictionPoint::load_norm);
   return f;
 }
 
 Figure friction_against_speed(const drive::Drive& drive, const std::string& title, double speed_max, double load_norm,
-                              std::span<const FrictionPoint> points) {
+                              std::span<const FrictionPoint> points, const ParameterUncertainty* uncertainty) {
   const LawAxes axes(drive);
   Figure f{.title = title, .x = axes.speed, .y = axes.friction};
-  f.series.push_back(law_series(drive, axes, speed_max, load_norm, 0));
-  f.series.back().stroke = 0;
+  add_law(f, drive, speed_max, load_norm, 0, {}, uncertainty);
+  const std::size_t curves = f.series.size();
   add_points(f, axes, points, nullptr);
-  for (auto& s : std::span(f.series).subspan(1)) s.stroke = 1;
+  for (auto& s : std::span(f.series).subspan(curves)) s.stroke = 1;
   return f;
 }
 

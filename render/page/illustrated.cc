@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/render/page/figure_data.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -52,7 +53,9 @@ Result<void> IllustratedPage::show(pugi::xml_node to, const Figure& figure, cons
     const char* ending = format == Format::pdf ? "pdf" : format == Format::png ? "png" : "svg";
     if (auto kept = keep(name, std::move(*file), ending); !kept) return kept;
   }
-  add_svg(to, *svg, caption, figure.title + ". " + caption, wide);
+  const std::string data = figure_data(figure);
+  add_svg(to, {.markup = *svg, .data = data, .inverts = figure.matrix || figure.heat_map}, caption,
+          figure.title + ". " + caption, wide);
   return {};
 }
 

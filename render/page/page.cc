@@ -5,10 +5,35 @@
 #include <glib.h>
 
 #include <tribotwin/render/page/page.hpp>
+#include <tribotwin/render/page/script.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 
 namespace tribotwin::render {
 namespace {
+
+/// Custom properties --s0, --s1, ... of the strokes.
+std::string stroke_properties(Colour theme::Stroke::*colour) {
+  std::string css;
+  for (std::size_t i = 0; i < theme::strokes; ++i) css += fmt::format("--s{}: {}; ", i, hex(theme::stroke(i).*colour));
+  return css;
+}
+
+/// gnuplot's drawings on a dark page: the colours of the theme, which are attributes there, are exchanged.
+std::string dark_drawings() {
+  std::string css = fmt::format("  svg.drawn:not(.inverts) {{ background: {}; }}\n", hex(theme::dark::paper));
+  const auto exchange = [&](Colour light, Colour dark) {
+    for (const auto& name : {fmt::format("rgb({:3}, {:3}, {:3})", light.r, light.g, light.b),
+                             fmt::format("rgb({},{},{})", light.r, light.g, light.b), hex(light)})
+      for (const char* attribute : {"fill", "stroke", "color"})
+        css += fmt::format("  .drawn:not(.inverts) [{0}=\"{1}\" i] {{ {0}: {2}; }}\n", attribute, name, hex(dark));
+  };
+  exchange(theme::paper, theme::dark::paper);
+  exchange(theme::ink, theme::dark::ink);
+  exchange(theme::ink_soft, theme::dark::ink_soft);
+  exchange(theme::line, theme::dark::line);
+  for (std::size_t i = 0; i < theme::strokes; ++i) exchange(theme::stroke(i).colour, theme::stroke(i).on_dark);
+  return css;
+}
 
 /// Below this width a table of this class becomes a list of rows, each value with its head beside it.
 std::string list_of_rows(std::string_view table, int width_px) {
@@ -89,18 +114,61 @@ pre { padding: 12px 16px; font: .88rem/1.5 ui-monospace, Menlo, Consolas, 'DejaV
   td:last-child:not(.number) { min-width: 0; }
 }
 NARROW
+.live { display: none; }
+.alive .live { display: block; }
+.alive .live.head { display: flex; justify-content: space-between; align-items: center; gap: 8px; }
+.alive .drawn { display: none; }
+.live.area { position: relative; }
+figure .live svg { max-width: none; background: none; }
+svg.live { touch-action: pan-y; user-select: none; }
+svg.live text { fill: INK; font-size: 12px; }
+svg.live .middle { text-anchor: middle; }
+svg.live .end { text-anchor: end; }
+svg.live .italic { font-style: italic; }
+svg.live .sub { font-size: 9px; }
+svg.live .grid { stroke: LINE; fill: none; }
+svg.live .axis { stroke: SOFT; fill: none; }
+svg.live .cursor { stroke: INK; fill: none; pointer-events: none; }
+svg.live .chosen { fill: SOFT; fill-opacity: .2; }
+.series { fill: none; stroke-linejoin: bevel; }
+.head strong { min-width: 0; overflow-wrap: anywhere; }
+.tools { white-space: nowrap; }
+.live button { font: inherit; font-size: .82rem; color: INK; background: none; border: 1px solid LINE;
+  border-radius: 6px; padding: 1px 8px; margin: 2px 4px 2px 0; cursor: pointer; max-width: 100%;
+  overflow-wrap: anywhere; }
+.live button[aria-pressed=false] { text-decoration: line-through; color: SOFT; }
+.key .sample { display: inline-block; width: 26px; height: 10px; margin: 0 6px 0 0; vertical-align: 0; }
+.tip { position: absolute; pointer-events: none; background: PAPER; border: 1px solid LINE; border-radius: 6px;
+  padding: 3px 8px; font-size: .8rem; line-height: 1.35; max-width: 80%; z-index: 1; }
+.tip i { display: inline-block; width: .7em; height: .7em; margin-right: .4em; }
+.tip[hidden] { display: none; }
+th[title] { cursor: pointer; }
+th[aria-sort=ascending]::after { content: " \25b4"; }
+th[aria-sort=descending]::after { content: " \25be"; }
+:root { STROKES }
 @media screen and (prefers-color-scheme: dark) {
+  :root { DARKSTROKES }
   body { background: #12161c; color: #e6eaf0; color-scheme: dark; }
-  .tile, figure, .notice, .scroll, pre { background: #1b212a; border-color: #3a4452; }
+  .tile, figure, .notice, .scroll, pre, .tip { background: #1b212a; border-color: #3a4452; }
+  .live button { color: #e6eaf0; border-color: #3a4452; }
   .soft, .tile .name, .tile .more, figcaption, thead th, thead th.number, summary { color: #b3bdca; }
+  .live button[aria-pressed=false] { color: #b3bdca; }
   th, td, table.many tr { border-color: #3a4452; }
   table.many td::before { color: #b3bdca; }
   .good { color: #6fd39a; }
   .warn { color: #f0c060; }
   .bad { color: #ff9a90; }
   .notice { border-left-color: #ff9a90; }
+  svg.live text { fill: #e6eaf0; }
+  svg.live .grid { stroke: #3a4452; }
+  svg.live .axis { stroke: #b3bdca; }
+  svg.live .cursor { stroke: #e6eaf0; }
+  .drawn.inverts { filter: invert(.88) hue-rotate(180deg); }
+DRAWN
 }
 @media print {
+  .alive .live, .alive .live.head { display: none; }
+  .alive .drawn { display: block; }
   @page { margin: 11mm; }
   body { background: PAPER; font-size: 10.5pt; }
   main { max-width: none; padding: 0; }
@@ -125,6 +193,9 @@ NARROW
     for (std::size_t at; (at = css.find(name)) != std::string::npos;) css.replace(at, name.size(), value);
   };
   put("NARROW", list_of_rows("many", 640) + list_of_rows("wide", 1000));
+  put("DARKSTROKES", stroke_properties(&theme::Stroke::on_dark));
+  put("STROKES", stroke_properties(&theme::Stroke::colour));
+  put("DRAWN", dark_drawings());
   put("PAGE", hex(theme::page));
   put("PAPER", hex(theme::paper));
   put("INK", hex(theme::ink));
@@ -141,6 +212,16 @@ std::string base64(std::string_view bytes) {
   const std::unique_ptr<char, decltype(&g_free)> text(
       g_base64_encode(reinterpret_cast<const guchar*>(bytes.data()), bytes.size()), g_free);
   return text.get();
+}
+
+/// As content security policies name a script.
+std::string sha256_base64(const std::string& text) {
+  const std::unique_ptr<GChecksum, decltype(&g_checksum_free)> sum(g_checksum_new(G_CHECKSUM_SHA256), g_checksum_free);
+  g_checksum_update(sum.get(), reinterpret_cast<const guchar*>(text.data()), static_cast<gssize>(text.size()));
+  std::string digest(32, '\0');
+  gsize size = digest.size();
+  g_checksum_get_digest(sum.get(), reinterpret_cast<guint8*>(digest.data()), &size);
+  return base64(digest);
 }
 
 /// gnuplot's drawings all use the same ids; in one page they must differ.
@@ -194,7 +275,10 @@ Page::Page(std::string_view title) {
     node.append_attribute(key) = name;
     node.append_attribute("content") = content;
   };
-  meta("http-equiv", "Content-Security-Policy", "default-src 'none'; img-src data:; style-src 'unsafe-inline'");
+  // Of scripts only this one runs: whatever else gets into the page is not what was hashed.
+  const std::string policy = fmt::format(
+      "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{}'", sha256_base64(script()));
+  meta("http-equiv", "Content-Security-Policy", policy.c_str());
   meta("name", "viewport", "width=device-width, initial-scale=1");
   meta("name", "generator", "tribotwin-report");
   head.append_child("title").text() = printable(title).c_str();
@@ -204,17 +288,19 @@ Page::Page(std::string_view title) {
   main_ = html.append_child("body").append_child("main");
 }
 
-void Page::add_svg(pugi::xml_node to, std::string_view svg, const std::string& caption, const std::string& alternative,
+void Page::add_svg(pugi::xml_node to, const Svg& svg, const std::string& caption, const std::string& alternative,
                    bool wide) {
   pugi::xml_document drawing;
   auto figure = add(to, "figure", {}, wide ? "wide" : nullptr);
-  if (drawing.load_buffer(svg.data(), svg.size(), pugi::parse_default | pugi::parse_ws_pcdata_single)) {
+  if (drawing.load_buffer(svg.markup.data(), svg.markup.size(), pugi::parse_default | pugi::parse_ws_pcdata_single)) {
     auto root = figure.append_copy(drawing.document_element());
     root.remove_attribute("width");
     root.remove_attribute("height");
+    root.append_attribute("class") = svg.inverts ? "drawn inverts" : "drawn";
     root.append_attribute("role") = "img";
     root.append_attribute("aria-label") = printable(alternative).c_str();
     prefix_ids(root, fmt::format("f{}-", ++figures_));
+    if (!svg.data.empty()) figure.append_attribute("data-figure") = std::string(svg.data).c_str();
   }
   add(figure, "figcaption", caption);
 }
@@ -267,7 +353,10 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
 std::string Page::html() const {
   std::ostringstream out;
   document_.save(out, "", pugi::format_raw | pugi::format_no_declaration, pugi::encoding_utf8);
-  return out.str();
+  // Put in as text: in a script, unlike elsewhere in XML, nothing is escaped.
+  std::string page = out.str();
+  page.insert(page.rfind("</body>"), "<script>" + script() + "</script>");
+  return page;
 }
 
 }  // namespace tribotwin::render

@@ -6,7 +6,8 @@
 
 #include <pugixml.hpp>
 
-/// A self-contained page: style inside, pictures as data, no script. Text is inserted as text and never becomes markup.
+/// A self-contained page: style and script inside, pictures as data; the script only adds to what is there without it.
+/// Text is inserted as text and never becomes markup.
 namespace tribotwin::render {
 
 class Page {
@@ -17,8 +18,14 @@ class Page {
   pugi::xml_node body() { return main_; }
   /// <tag class="kind">text</tag>
   static pugi::xml_node add(pugi::xml_node to, const char* tag, std::string_view text = {}, const char* kind = nullptr);
+  /// A drawing for add_svg. `data`: figure_data() of what it shows, for the script; may be empty. `inverts`: where the
+  /// page is dark its colours are turned around; else only those of the theme are exchanged.
+  struct Svg {
+    std::string_view markup, data{};
+    bool inverts = false;
+  };
   /// A card with a caption below.
-  void add_svg(pugi::xml_node to, std::string_view svg, const std::string& caption, const std::string& alternative,
+  void add_svg(pugi::xml_node to, const Svg& svg, const std::string& caption, const std::string& alternative,
                bool wide = false);
   void add_png(pugi::xml_node to, std::string_view png, const std::string& caption, const std::string& alternative,
                bool wide = false);

@@ -40,6 +40,10 @@ std::optional<std::filesystem::path> named_file(const std::string& name, const s
 /// leaves normalised torque and the law's own speed.
 drive::Drive drawn_drive(const twin::identification::ParameterFile& file);
 
+/// For bands around its curves. Nothing where no parameter has a sigma, or one that was looked for has none: then
+/// nobody knows how sure the curve is.
+std::optional<ParameterUncertainty> uncertainty_of(const twin::identification::ParameterFile& file);
+
 /// Those rows of measured friction, for a drive with the law they were read for.
 std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin::identification::Samples& samples,
                                            std::span<const std::size_t> rows);

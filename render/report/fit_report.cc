@@ -284,8 +284,15 @@ class Writer {
     const auto points = friction_points(fit_.drive, s_, some);
     return page_.show(
         to, draw("Friction" + where, points), name,
-        fmt::format("Law '{}'{}.{}", law_.name, where,
+        fmt::format("Law '{}'{}.{}{}", law_.name, where, band_text(),
                     has_samples() ? fmt::format(" Points: {}.", drawn_of(points.size(), rows.size())) : ""));
+  }
+
+  const ParameterUncertainty* band() const { return uncertainty_ ? &*uncertainty_ : nullptr; }
+
+  std::string band_text() const {
+    if (uncertainty_) return " Bands: where the law is with 95 % confidence, by the covariance of its parameters.";
+    return p_.found.samples ? " Without bands: not every parameter that was looked for has a sigma." : "";
   }
 
   Outcome curves() {
@@ -296,7 +303,7 @@ class Writer {
       return show_curves(
           grid, "curve", "", [](std::size_t) { return true; },
           [&](const std::string& title, const auto& points) {
-            return friction_against_speed(fit_.drive, title, speed_max_, 0, points);
+            return friction_against_speed(fit_.drive, title, speed_max_, 0, points, band());
           });
     // Where load or temperature did not vary, curves over it would repeat the others.
     if (thermal && (temperature_.varies() || !loaded || !load_.varies()))
@@ -306,7 +313,7 @@ class Writer {
                 [&](std::size_t i) { return !loaded || std::abs(s_.load[i] - load) <= load_.window; },
                 [&](const std::string& title, const auto& points) {
                   return friction_against_temperature(fit_.drive, title, speed_max_, load,
-                                                      evenly(temperature_.low, temperature_.high, 7), points);
+                                                      evenly(temperature_.low, temperature_.high, 7), points, band());
                 });
             !ok)
           return ok;
@@ -317,7 +324,7 @@ class Writer {
                 [&](std::size_t i) { return !thermal || std::abs(s_.temperature_degC[i] - T) <= temperature_.window; },
                 [&](const std::string& title, const auto& points) {
                   return friction_against_load(fit_.drive, title, speed_max_, T, evenly(load_.low, load_.high, 6),
-                                               points);
+                                               points, band());
                 });
             !ok)
           return ok;
@@ -438,6 +445,7 @@ class Writer {
   double speed_max_;  ///< joint side [rad/s]
   Input load_, temperature_;
   std::vector<std::size_t> known_;  ///< parameters with a sigma
+  std::optional<ParameterUncertainty> uncertainty_ = uncertainty_of(p_);
 };
 
 }  // namespace

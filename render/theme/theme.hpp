@@ -37,9 +37,17 @@ inline constexpr std::string_view picture_font = "DejaVu Sans";
 /// it is recognised in greyscale; repeats after eight.
 struct Stroke {
   Colour colour;
-  std::string_view dashes;
-};  ///< dashes: gnuplot's dashtype
+  std::string_view dashes;  ///< gnuplot's dashtype
+  Colour on_dark;           ///< the same hue, where the page is dark
+};
+inline constexpr std::size_t strokes = 8;
 Stroke stroke(std::size_t index);
+/// The look of a dark page.
+namespace dark {
+inline constexpr Colour ink{0xe6, 0xea, 0xf0}, ink_soft{0xb3, 0xbd, 0xca}, paper{0x1b, 0x21, 0x2a},
+    page{0x12, 0x16, 0x1c}, line{0x3a, 0x44, 0x52}, good{0x6f, 0xd3, 0x9a}, warn{0xf0, 0xc0, 0x60},
+    bad{0xff, 0x9a, 0x90};
+}  // namespace dark
 }  // namespace theme
 
 /// viridis (van der Walt 2015, CC0), perceptually uniform and monotone in lightness; share is clamped to

@@ -1,4 +1,5 @@
-# Writes page_files() of page.hpp: cmake -DOUT=FILE.cc "-DFILES=A;B" -P embed.cmake
+# Writes the function NAME() of HEADER, page_files() of page.hpp say, which returns the files' contents:
+# cmake -DOUT=FILE.cc "-DFILES=A;B" -DHEADER=PATH -DSPACE=NAMESPACE -DNAME=FUNCTION -P embed.cmake
 set(types "html=text/html\; charset=utf-8" "js=text/javascript\; charset=utf-8" "css=text/css\; charset=utf-8"
   "svg=image/svg+xml" "json=application/json" "txt=text/plain\; charset=utf-8" "png=image/png")
 set(arrays "")
@@ -22,6 +23,6 @@ foreach(file ${FILES})
   string(APPEND rows "    {\"${name}\", \"${type}\", {file_${count}, sizeof file_${count} - 1}},\n")
   math(EXPR count "${count} + 1")
 endforeach()
-file(WRITE ${OUT} "#include <tribotwin/twin/live/page.hpp>\n\nnamespace tribotwin::twin::live {\nnamespace {\n${arrays}"
-  "const PageFile files[] = {\n${rows}};\n}  // namespace\n\n"
-  "std::span<const PageFile> page_files() { return files; }\n\n}  // namespace tribotwin::twin::live\n")
+file(WRITE ${OUT} "#include <${HEADER}>\n\nnamespace ${SPACE} {\nnamespace {\n${arrays}"
+  "const tribotwin::twin::live::PageFile files[] = {\n${rows}};\n}  // namespace\n\n"
+  "std::span<const tribotwin::twin::live::PageFile> ${NAME}() { return files; }\n\n}  // namespace ${SPACE}\n")

@@ -141,8 +141,10 @@ std::optional<Drawing> cold_and_warm(const RunData& run) {
     if (any_finite(t)) traces.push_back(std::move(t));
   }
   const std::string unit = joint->slide ? "N" : "Nm";
-  return drawing({.quantity = friction_name(unit), .symbol = "{/:Italic τ}_f", .unit = unit}, traces,
-                 fmt::format("{}: the same motion at the beginning and at the end of the run.", joint->name));
+  auto shown = drawing({.quantity = friction_name(unit), .symbol = "{/:Italic τ}_f", .unit = unit}, traces,
+                       fmt::format("{}: the same motion at the beginning and at the end of the run.", joint->name));
+  if (shown) shown->figure.x.quantity = "time in the cycle";
+  return shown;
 }
 
 Axis recording_axis() { return {.quantity = "recorded − simulated position", .unit = "mrad"}; }

@@ -1,7 +1,7 @@
 """tribotwin-report fit and curve of identified laws: the page in a real browser, its numbers against those of
 PARAMS.yaml, other laws, data that are elsewhere, changed or gone, wrong input. Arguments: tribotwin, tribotwin-report,
 source tree."""
-import glob, hashlib, html, os, re, shutil, sys
+import glob, hashlib, html, json, os, re, shutil, sys
 
 import numpy as np
 
@@ -181,6 +181,38 @@ first = hashlib.sha256(page.encode()).hexdigest()
 run(report, "fit", "params.yaml", "--png", "--pdf")
 check("two processes make the same page", hashlib.sha256(content("fit.html").encode()).hexdigest() == first)
 
+
+# ---- Bands: 95 % of the curve, by the file's covariance of all parameters.
+def shown_values(page, label):
+    """What the figure whose drawing's description begins so carries for the page's script."""
+    found = re.search(r'<figure[^>]* data-figure="([^"]*)"><svg[^>]*aria-label="' + label, page)
+    return json.loads(html.unescape(found.group(1))) if found else {"series": []}
+
+
+def half_width(v, l, T):
+    """By finite differences, with the sigmas and correlations of PARAMS.yaml."""
+    p, s = np.array([float(values[n]) for n in names]), np.array([float(sigmas[n]) for n in names])
+    slopes = np.array([(law(p + d, v, l, T) - law(p - d, v, l, T)) / 0.02 for d in np.diag(0.01 * s)])  # per sigma
+    low, high = map(float, intervals[names[0]].strip("[]").split(","))
+    C = np.array([matrix[n] for n in names])
+    return (high - low) / 2 / s[0] * np.sqrt(np.maximum(0, np.einsum("iv,ik,kv->v", slopes, C, slopes)))
+
+
+data = shown_values(page, "Friction at a load of")
+load = float(re.search(r"load of ([\d.]+)", data["title"]).group(1)) if data["series"] else 0
+bands = [s for s in data["series"] if s["mark"] == "band"]
+lines = [s for s in data["series"] if s["mark"] == "line"]
+check("each of seven curves has a band", len(bands) == len(lines) == 7, [s["mark"] for s in data["series"]])
+worst = 0
+for band, line in zip(bands, lines):
+    n, v, T = len(line["x"]), np.array(line["x"]), band["shade"][0]
+    upper, lower = np.array(band["y"][:n]), np.array(band["y"][n:])[::-1]
+    expected = half_width(v, load, T)
+    check(f"the band at {T:.0f} degC is around its curve", np.allclose((upper + lower) / 2, line["y"], atol=1e-7))
+    worst = max(worst, np.max(np.abs((upper - lower) / 2 - expected) / expected))
+check("its width is that of the covariance", 0 < worst < 0.05, worst)  # the title rounds the load
+check("the page says what bands are", "Bands: where the law is with 95 % confidence" in html.unescape(page))
+
 # ---- Where the data are.
 os.makedirs(path("elsewhere"))
 r = run(report, "fit", os.path.join("..", "params.yaml"), "-o", "here.html", cwd=path("elsewhere"))
@@ -244,6 +276,10 @@ check(
     and not any("Fcl" == t for t in drawing(content("one_load.html"), "Correlation")),
 )
 check_page("one load", path("one_load.html"), 0, 7)
+check(
+    "where a parameter has no sigma there is no band",
+    "Without bands" in text and "&quot;band&quot;" not in content("one_load.html"),
+)
 curves("lab.csv", 60, loads=[0, 0.2, 0.4, 0.7])
 identify("lab.csv", "lab.yaml", "--fix", "alpha=1.36", "--tau-max", 7500, "--gear-ratio", 178)
 r = run(report, "fit", "lab.yaml", "-o", "lab.html")

@@ -1,0 +1,126 @@
+"""What the script of a page adds: values under the pointer, one cursor in time, zoom, keys that hide, tables that sort;
+and the policy that lets no other script run. Arguments: tribotwin, tribotwin-report."""
+import base64, hashlib, os, re, sys
+
+import h5py
+import numpy as np
+
+from browser import Browser
+from harness import check, content, finish, path, run, work
+
+twin, report = sys.argv[1:3]
+browser = Browser(work, check)
+tab = browser.tab
+
+run(twin, "run", "irb6620_warmup", "-o", "warmup", "--set", "duration_s=1200", "--quiet")
+r = run(report, "warmup")
+check("report of a run", r.returncode == 0, r.stderr)
+page = content("warmup/report.html")
+browser.open(path("warmup/report.html"))
+
+# Only the page's own script runs.
+script = re.search(r"<script>(.*?)</script>", page, re.S).group(1)
+digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page).group(1)
+check("the policy allows this script alone", policy.endswith(f"script-src 'sha256-{digest}'"), policy)
+check("the warm-up's page is small", os.path.getsize(path("warmup/report.html")) < 3e6)
+opened_ms = tab.value("performance.getEntriesByType('navigation')[0].loadEventEnd")
+print(f"the page is open after {opened_ms:.0f} ms")
+tab.value("document.body.append(Object.assign(document.createElement('script'), {textContent: 'window.other = 1'}))")
+check("no other script runs", tab.value("window.other === undefined") and len(tab.console) == 1, tab.console)
+tab.console.clear()
+
+AT = """(share, down, kind = 'pointermove', chart = 0) => {
+  const svg = document.querySelectorAll('svg.live:not(.sample)')[chart], grid = svg.querySelector('.axis').getBBox();
+  const box = svg.getBoundingClientRect(), scale = box.width / svg.viewBox.baseVal.width;
+  svg.dispatchEvent(new PointerEvent(kind, {bubbles: true, button: 0, pointerId: 1, pointerType: 'mouse',
+    clientX: box.x + scale * (grid.x + share * grid.width), clientY: box.y + scale * (grid.y + down * grid.height)}));
+}"""
+tab.value("SVGElement.prototype.setPointerCapture = () => {}")
+
+
+def pointer(*arguments):
+    tab.value(f"({AT})({', '.join(map(repr, arguments))})")
+
+
+def tips():
+    return tab.value("[...document.querySelectorAll('.tip')].filter(t => !t.hidden).map(t => t.innerText)")
+
+
+# Values under the pointer are those of the record, in all figures over time at once.
+with h5py.File(path("warmup/telemetry.h5")) as f:
+    time, degC = f["cycle_time_s"][:], f["joint2/cycle_temperature_degC"][:]
+    power = f["joint2/cycle_friction_power_W"][:]
+pointer(0.5, 0.5)
+shown = tips()
+check("two figures over the run have the cursor, that of one cycle has not", len(shown) == 2, shown)
+at_s = 60 * float(re.search(r"time ([\d.]+) min", shown[0]).group(1))
+k = int(np.argmin(abs(time - at_s)))
+values = [float(re.search(r"joint2 ([\d.]+) " + unit, tip).group(1)) for unit, tip in zip(("°C", "W"), shown)]
+check("the cursor is in the middle of the run", abs(at_s - 600) < 10, at_s)
+near = slice(max(0, k - 3), k + 4)  # curves of many samples have minima and maxima of stretches
+check(
+    "its temperature is the record's",
+    degC[near].min() - 2e-3 <= values[0] <= degC[near].max() + 2e-3,
+    (values, degC[k]),
+)
+check("its power is the record's", power[near].min() - 0.1 <= values[1] <= power[near].max() + 0.1, (values, power[k]))
+check("all figures have the same time", len({tip.splitlines()[0] for tip in shown}) == 1, shown)
+
+# Dragging looks nearer, at the same time in both; Escape shows all again.
+MARKS = """[...document.querySelectorAll('svg.live:not(.sample)')].slice(0, 2).map(svg =>
+  [...svg.querySelectorAll('text.middle')].map(t => t.textContent).filter(t => /^[\\d.]+$/.test(t)).map(Number))"""
+before = tab.value(MARKS)
+for share, kind in ((0.25, "pointerdown"), (0.5, "pointermove"), (0.5, "pointerup")):
+    pointer(share, 0.5, kind)
+after = tab.value(MARKS)
+check("before, the whole run", all(marks[0] == 0 and marks[-1] >= 15 for marks in before), before)
+check("dragging looks at 5 to 10 min in both", all(4.9 <= min(m) and max(m) <= 10.1 for m in after), after)
+tab.value("document.querySelector('svg.live:not(.sample)').focus()")
+tab.key("Escape")
+check("Escape shows all", tab.value(MARKS) == before, tab.value(MARKS))
+
+# The key hides a curve.
+count = "document.querySelector('svg.live:not(.sample) .series').children.length"
+curves = tab.value(count)
+tab.value("document.querySelectorAll('.key button')[1].click()")
+check("a click on the key hides a curve", tab.value(count) == curves - 1, (curves, tab.value(count)))
+pointer(0.5, 0.5)
+check("what is hidden has no value", "joint2" not in tips()[0] and "joint1" in tips()[0], tips())
+tab.value("document.querySelectorAll('.key button')[1].click()")
+check("and shows it again", tab.value(count) == curves)
+
+# Law curves: the nearest point, with units.
+law = tab.value("document.querySelectorAll('svg.live:not(.sample)').length") - 1
+tab.value("document.querySelector('svg.live:not(.sample)').dispatchEvent(new PointerEvent('pointerleave'))")
+found = []
+for down in np.linspace(0.05, 0.95, 19):
+    pointer(0.5, float(down), "pointermove", 3)
+    found += tips()
+check(
+    "a point of a law has its speed with unit", any(re.match(r"motor speed [\d.]+ rad/s", tip) for tip in found), found
+)
+
+# Tables sort, upwards and downwards.
+COLUMN = """(() => { const table = [...document.querySelectorAll('table')].find(t => /maximum \\[/.test(t.innerText));
+  const heads = [...table.querySelectorAll('thead th')], k = heads.findIndex(h => h.innerText.startsWith('maximum ['));
+  if (CLICK) heads[k].click();
+  return [...table.tBodies[0].rows].map(r => r.cells[k].innerText); })()"""
+unsorted = tab.value(COLUMN.replace("CLICK", "false"))
+up, down = (tab.value(COLUMN.replace("CLICK", "true")) for _ in range(2))
+numbers = sorted(map(float, unsorted))
+check("joints are not sorted by temperature at first", list(map(float, unsorted)) != numbers, unsorted)
+check(
+    "a click sorts upwards, another downwards",
+    list(map(float, up)) == numbers and list(map(float, down)) == numbers[::-1],
+    (up, down),
+)
+
+# A dark page has dark figures; on paper gnuplot's drawings are there.
+check("no console message", not tab.console, tab.console)
+check("it prints", 1 <= browser.printed(path("warmup/report.html"), path("warmup.pdf")) <= 6)
+tab.command("Emulation.setEmulatedMedia", media="print")
+onPaper = "[...document.querySelectorAll('main svg')].filter(s => getComputedStyle(s).display !== 'none' && "
+onPaper += "s.getBoundingClientRect().width).every(s => s.matches('.drawn'))"
+check("on paper there are gnuplot's drawings", tab.value(onPaper))
+finish()
