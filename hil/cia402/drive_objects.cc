@@ -218,16 +218,22 @@ class Builder {
       highest_sub_index(object.index, 1);
       add(o_, std::move(object), std::move(extra));
     };
-    only({od::lubricant_temperature, 1, "lubricant temperature", T::i16, ro, true, std::llround(10 * p_.start_degC)},
-         {.scale = 0.1, .unit = "degC"});
+    temperature(od::lubricant_temperature, 1, "lubricant temperature", ro, p_.start_degC, "", p_.winding ? 2 : 1);
+    if (const auto& w = p_.winding)
+      temperature(od::lubricant_temperature, 2, "winding temperature", ro, w->start_degC, "of the motor");
     only({od::friction_torque, 1, "friction torque", T::i32, ro, true},
          {.scale = 1e-3, .unit = "Nm", .meaning = "arm side, positive when it opposes positive motion"});
     only({od::load_torque, 1, "load torque", T::i32, ro, true},
          {.scale = 1e-3, .unit = "Nm", .meaning = "arm side: what the gear carries"});
     only({od::measured_temperature, 1, "measured temperature", T::i16, rw, true, limits_of(T::i16).low},
          {.scale = 0.1, .unit = "degC", .meaning = "of a bench; overrides the thermal model; 8000h: none"});
-    only({od::temperature_limit, 1, "temperature limit", T::i16, rw, false, 1200},
-         {.scale = 0.1, .unit = "degC", .meaning = "above: fault 4310h; a warning 10 K before"});
+    temperature(od::temperature_limit, 1, "temperature limit", rw, 120, "above: fault 4310h; a warning 10 K before",
+                p_.winding ? 3 : 1);
+    if (const auto& w = p_.winding) {
+      temperature(od::temperature_limit, 2, "winding limit", rw, w->limit_degC, "above: fault 4310h");
+      temperature(od::temperature_limit, 3, "winding warning", rw, w->warning_degC,
+                  "above: bit 7 of 6041h; the model derates from its own winding_warning_degC on");
+    }
     highest_sub_index(od::simulated_switches, 2);
     const std::int64_t none = limits_of(T::i32).high;
     position(od::simulated_switches, 1, "home switch", rw, false, none, "closed from here on; not moved by homing");
@@ -252,6 +258,13 @@ class Builder {
   }
   void highest_sub_index(od::Index index, int highest) {
     add(o_, {index, 0, "highest sub-index", T::u8, constant, false, highest});
+  }
+  /// `highest`: sub-index 0 where this is the first of the record.
+  void temperature(od::Index index, std::uint8_t sub, const char* name, Access access, double degC, std::string meaning,
+                   int highest = 0) {
+    if (highest != 0) highest_sub_index(index, highest);
+    add(o_, {index, sub, name, T::i16, access, access == ro, saturated(T::i16, std::llround(10 * degC))},
+        {.scale = 0.1, .unit = "degC", .meaning = std::move(meaning)});
   }
   void position(od::Index index, std::uint8_t sub, const char* name, Access access, bool mappable, std::int64_t value,
                 std::string meaning = "") {
@@ -379,6 +392,9 @@ DriveObjects::DriveObjects(Dictionary& dictionary, double gear_ratio) : dictiona
   load_torque = object(od::load_torque, 1);
   measured_temperature = object(od::measured_temperature, 1);
   temperature_limit = object(od::temperature_limit, 1);
+  winding_temperature = object(od::lubricant_temperature, 2);
+  winding_limit = object(od::temperature_limit, 2);
+  winding_warning = object(od::temperature_limit, 3);
 }
 
 double DriveObjects::profile_speed_max_rad_s() const {

@@ -47,6 +47,7 @@ class DriveObjects {
   Object *position_limit_low, *position_limit_high;
   Object *interpolated_position, *interpolation_time, *interpolation_exponent;
   Object *lubricant_temperature, *friction_torque, *load_torque, *measured_temperature, *temperature_limit;
+  Object *winding_temperature, *winding_warning, *winding_limit;  ///< null without a winding
 
   /// Any other object that must exist.
   const Object* object(std::uint16_t index, std::uint8_t sub = 0) const { return dictionary_.find(index, sub); }

@@ -194,6 +194,7 @@ void DriveProfile::take_up_mode() {
 std::uint16_t DriveProfile::statusword() const {
   int word = machine_.status_bits() | (feedback_.safe_torque_off ? 0 : voltage_enabled);
   if (feedback_.temperature_degC > tenths_degC(objects_.temperature_limit) - warning_K) word |= warning;
+  if (above(objects_.winding_warning)) word |= warning;
   if (node_.operational()) word |= remote;
   if (feedback_.limited) word |= internal_limit_active;
   if (const ModeOfOperation* mode = followed_mode()) word |= mode->status(demand_);
@@ -295,6 +296,7 @@ void DriveProfile::show(const Feedback& f, double dt) {
   set(o.torque_demand, f.torque_nm / o.per_mille_nm);
   set(o.position_demand, demand_.position_rad / o.increment_rad);
   set(o.lubricant_temperature, 10 * f.temperature_degC);
+  if (o.winding_temperature) set(o.winding_temperature, 10 * f.winding_degC.value_or(f.temperature_degC));
   set(o.friction_torque, 1e3 * f.friction_nm);
   set(o.load_torque, 1e3 * f.load_nm);
 }
@@ -334,8 +336,12 @@ void DriveProfile::watch_standstill(double dt) {
   }
 }
 
+bool DriveProfile::above(const Object* winding_limit) const {
+  return winding_limit && feedback_.winding_degC && *feedback_.winding_degC > tenths_degC(winding_limit);
+}
+
 void DriveProfile::watch_temperature() {
-  if (feedback_.temperature_degC > tenths_degC(objects_.temperature_limit))
+  if (feedback_.temperature_degC > tenths_degC(objects_.temperature_limit) || above(objects_.winding_limit))
     fail(static_cast<std::uint16_t>(ErrorCode::excess_temperature), temperature_error,
          stop_options().fault_reaction != 0);
 }

@@ -92,6 +92,8 @@ class DriveProfile {
   void watch_following_error(double lag_rad, double dt_s);
   void watch_standstill(double dt_s);
   void watch_temperature();
+  /// Whether the winding is warmer than this object says; false without a winding.
+  bool above(const Object* winding_limit) const;
   void watch_rest(double dt_s);
   bool stands() const;
 

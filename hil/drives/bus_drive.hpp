@@ -17,8 +17,9 @@ namespace tribotwin::hil {
 struct Feedback {
   double position_rad = 0, velocity_rad_s = 0, torque_nm = 0;
   double friction_nm = 0, load_nm = 0, temperature_degC = 25;
-  bool limited = false;          ///< the torque was cut to a limit
-  bool safe_torque_off = false;  ///< the safety circuit keeps the torque off, whatever the drive asks for
+  std::optional<double> winding_degC{};  ///< of a drive with a winding
+  bool limited = false;                  ///< the torque was cut to a limit
+  bool safe_torque_off = false;          ///< the safety circuit keeps the torque off, whatever the drive asks for
 };
 
 using Send = std::function<Sent(const Frame&)>;

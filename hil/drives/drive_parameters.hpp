@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include <tribotwin/twin/control/servo.hpp>
@@ -19,6 +20,11 @@ struct DriveParameters {
   bool limited = false;                                ///< whether the joint has the position limits:
   double position_low_rad = 0, position_high_rad = 0;  ///< joint side
   double start_degC = 25;                              ///< lubricant temperature at the start
+  /// Of the winding, where the drive has one.
+  struct Winding {
+    double start_degC, warning_degC, limit_degC;
+  };
+  std::optional<Winding> winding{};
   /// Of the loops, where the scenario states none: six axes of an IRB 6620 follow 5 degrees at 0.5 Hz within 0.1.
   twin::LoopGains gains{.position_gain_1_s = 20, .speed_bandwidth_rad_s = 150, .integral_time_s = 0.02};
   double speed_bandwidth_max_rad_s = 1000;  ///< 1 / time step of the robot

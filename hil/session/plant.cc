@@ -26,6 +26,7 @@ std::vector<DriveParameters> drive_parameters(const twin::Scenario& scenario, in
                       .position_high_rad = m->jnt_range[2 * binding.joint + 1],
                       .start_degC = scenario.temperature_degC[all.size()],
                       .speed_bandwidth_max_rad_s = 1 / m->opt.timestep};
+    if (drive.winding.present()) p.winding = {p.start_degC, drive.winding.warning_degC, drive.winding.limit_degC};
     // Two drives of one robot may share a node number, but not a serial number.
     if (wiring.size() > 1) p.serial_number = static_cast<std::uint32_t>(first_node + all.size());
     if (const auto* o = std::get_if<twin::CascadedOptions>(&scenario.control))
@@ -57,6 +58,7 @@ Feedback Plant::feedback(std::size_t i) const {
              .friction_nm = s.friction_nm,
              .load_nm = twin_.state(i).load_nm,
              .temperature_degC = twin_.temperature_degC(i),
+             .winding_degC = binding.drive.winding.present() ? std::optional(twin_.winding_degC(i)) : std::nullopt,
              .limited = twin_.limited(i),
              .safe_torque_off = torque_off_[i]};
   f.temperature_degC = override_degC_[i].value_or(f.temperature_degC);

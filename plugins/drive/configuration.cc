@@ -86,6 +86,7 @@ class Reader {
   Result<void> read_dynamics();
   Result<void> read_load_table();
   Result<void> read_thermal();
+  Result<void> read_winding();
   Result<void> check_dynamics() const;
   Result<void> check_all_known() const;
 
@@ -251,6 +252,34 @@ Result<void> Reader::read_thermal() {
   return {};
 }
 
+Result<void> Reader::read_winding() {
+  const auto keys = thermal::winding_keys();
+  if (!left_.contains(keys.front().name)) {
+    for (const Key& key : keys)
+      if (left_.contains(key.name))
+        return tl::unexpected(
+            fmt::format("key '{}' belongs to a winding; give '{}', too, or remove it", key.name, keys.front().name));
+    return {};
+  }
+  thermal::Winding& w = drive_.winding;
+  const auto targets = thermal::winding_values(w);
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    const auto value = take_number(keys[i], keys[i].fallback[0] == '\0');
+    if (!value) return tl::unexpected(value.error());
+    *targets[i] = value->value_or(to_number(std::string_view(keys[i].fallback)).value_or(0));
+  }
+  if (w.current_max_A == 0) w.current_max_A = drive_.torque_max_nm / drive_.torque_per_current_nm_A();
+  if (w.limit_degC <= w.warning_degC)
+    return tl::unexpected(
+        fmt::format("winding_limit_degC {} must lie above winding_warning_degC {}", w.limit_degC, w.warning_degC));
+  if ((w.current_rated_A > 0) != (w.overload_s > 0))
+    return tl::unexpected(std::string("I^2 t protection needs current_rated_A and overload_s"));
+  if (w.current_rated_A >= w.current_max_A)
+    return tl::unexpected(
+        fmt::format("current_rated_A {} must lie below current_max_A {}", w.current_rated_A, w.current_max_A));
+  return {};
+}
+
 Result<void> Reader::check_dynamics() const {
   if (drive_.dynamics == Dynamics::lugre)
     if (const auto wrong = bristles_that_push(drive_)) return tl::unexpected(*wrong);
@@ -277,6 +306,7 @@ Result<void> Reader::check_all_known() const {
   add(thermal_->parameters);
   add(dynamics_->keys);
   add(list_keys());
+  add(thermal::winding_keys());
   const std::string& unknown = left_.begin()->first;
   return tl::unexpected(
       fmt::format("key '{}' is not known for law '{}', thermal '{}' and friction '{}'; did you mean '{}'?", unknown,
@@ -288,7 +318,7 @@ Result<Drive> Reader::read(const Configuration& configuration) {
     if (!value.empty() && !left_.emplace(key, value).second)
       return tl::unexpected(fmt::format("key '{}' is given twice", key));
   for (const auto stage : {&Reader::choose_kinds, &Reader::read_law, &Reader::read_numbers, &Reader::read_dynamics,
-                           &Reader::read_load_table, &Reader::read_thermal})
+                           &Reader::read_load_table, &Reader::read_thermal, &Reader::read_winding})
     if (auto ok = (this->*stage)(); !ok) return tl::unexpected(ok.error());
   if (auto ok = check_dynamics(); !ok) return tl::unexpected(ok.error());
   if (auto ok = check_all_known(); !ok) return tl::unexpected(ok.error());
@@ -349,6 +379,13 @@ Configuration configuration_of(const Drive& drive) {
   const auto& model = thermal::info(drive.thermal.order);
   const auto values = model.values(drive.thermal);
   for (std::size_t i = 0; i < values.size(); ++i) add(model.parameters[i].name, values[i]);
+  if (drive.winding.present()) {
+    thermal::Winding copy = drive.winding;
+    const auto numbers = thermal::winding_values(copy);
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+      if (*numbers[i] != 0 || thermal::winding_keys()[i].minimum <= 0)
+        add(thermal::winding_keys()[i].name, *numbers[i]);
+  }
   add("brake_torque_nm", drive.brake_torque_nm);
   add("load_filter_s", drive.load_filter_s);
   if (drive.asymmetry != 0) add("asymmetry", drive.asymmetry);

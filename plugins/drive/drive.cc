@@ -40,6 +40,26 @@ double towards(const Drive& drive, double z, double w) {
   return direction_factor(drive, z) / direction_factor(drive, w);
 }
 
+/// What the winding's temperature means for the step that begins.
+void begin_winding(const Drive& drive, const State& state, Workspace& s) {
+  const thermal::WindingState& winding = static_cast<const MotorState&>(state).winding;
+  s.winding_rise_K = winding.rise_K;
+  s.overload = winding.overload;
+  s.winding_degC = winding_degC(drive, state);
+  s.current_limit_A = drive.winding.current_limit_A(s.winding_degC, s.overload);
+  s.hot_torque_loss = 1 - drive.winding.torque_share(s.winding_degC);
+}
+
+/// Power that the winding gives to the gear in a step with this motor torque [W].
+double end_winding(const Drive& drive, double torque_nm, double dt_s, State& state, Workspace& s) {
+  s.current_A = torque_nm / drive.torque_per_current_nm_A();
+  const thermal::WindingHeat heat = thermal::step(drive.winding, s.winding_degC, s.current_A, state.rise.total_K(),
+                                                  dt_s, static_cast<MotorState&>(state).winding);
+  s.copper_loss_J += heat.copper_W * dt_s;
+  s.winding_heat_J += heat.to_gear_W * dt_s;
+  return heat.to_gear_W;
+}
+
 }  // namespace
 
 double advance(const Bristles& b, double z0, double w, double g, double dt) {
@@ -90,6 +110,16 @@ double temperature_degC(const Drive& drive, const State& state) {
   return drive.thermal.T_amb_degC + state.rise.total_K();
 }
 
+double winding_degC(const Drive& drive, const State& state) {
+  if (!drive.winding.present()) return temperature_degC(drive, state);
+  return drive.thermal.T_amb_degC + static_cast<const MotorState&>(state).winding.rise_K;
+}
+
+void set_winding(const Drive& drive, State& state, double winding_degC) {
+  if (!drive.winding.present()) return;
+  static_cast<MotorState&>(state).winding.rise_K = winding_degC - drive.thermal.T_amb_degC;
+}
+
 void set_temperature(const Drive& drive, State& state, double temperature_degC) {
   state.rise = thermal::steady_rise(drive.thermal, temperature_degC - drive.thermal.T_amb_degC);
 }
@@ -121,7 +151,9 @@ bool begun(const Drive& drive, const State& state, const Workspace& s, double ti
   return s.step_open != 0 && s.cache_valid != 0 && s.step_time_s == time_s && s.qd_begin_rad_s == qd_rad_s &&
          s.q_begin_rad == q_rad && s.load_used_nm == state.load_nm && s.rise_K == state.rise.total_K() &&
          s.limit_nm == s.gear_limit_nm + s.brake_engaged * drive.brake_torque_nm &&
-         (drive.dynamics == Dynamics::none || s.deflection == static_cast<const BristleState&>(state).z);
+         (drive.dynamics == Dynamics::none || s.deflection == static_cast<const BristleState&>(state).z) &&
+         (!drive.winding.present() || (s.winding_rise_K == static_cast<const MotorState&>(state).winding.rise_K &&
+                                       s.overload == static_cast<const MotorState&>(state).winding.overload));
 }
 
 double begin_step(const Drive& drive, const State& state, Workspace& s, double time_s, double qd_rad_s, double q_rad) {
@@ -131,6 +163,7 @@ double begin_step(const Drive& drive, const State& state, Workspace& s, double t
   s.q_begin_rad = q_rad;
 
   if (drive.dynamics != Dynamics::none) s.deflection = static_cast<const BristleState&>(state).z;
+  if (drive.winding.present()) begin_winding(drive, state, s);
   s.rise_K = state.rise.total_K();
   const double temperature =
       std::round(temperature_degC(drive, state) * temperature_steps_per_K) / temperature_steps_per_K;
@@ -191,7 +224,8 @@ void end_step(const Drive& drive, const thermal::Decay& decay, const Transmitted
   s.torque_nm = t.torque_nm;
   const double added_W = s.added_heat_J / dt_s;
   s.added_heat_J = 0;
-  const double power_W = s.friction_nm * mean_speed + added_W;
+  double power_W = s.friction_nm * mean_speed + added_W;
+  if (drive.winding.present()) power_W += end_winding(drive, t.torque_nm, dt_s, state, s);
   s.friction_work_J += s.friction_nm * mean_speed * dt_s;
 
   if (s.temperature_held == 0) thermal::step(drive.thermal, decay, power_W, s.ambient_offset_K, state.rise);

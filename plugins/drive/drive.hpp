@@ -6,6 +6,7 @@
 
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/plugins/thermal/thermal.hpp>
+#include <tribotwin/plugins/thermal/winding.hpp>
 
 /// One joint drive: motor, gear, friction, heat. Engine-free; plugins/mujoco connects it to a simulation.
 ///
@@ -78,6 +79,7 @@ struct Drive {
   double torque_max_nm = 1;  ///< Bittencourt 2012's tau_max, arm side: unit of load and of normalised laws
   double gear_ratio = 1;     ///< motor turns per joint turn
   thermal::Model thermal;
+  thermal::Winding winding;    ///< of the motor; none by default
   double brake_torque_nm = 0;  ///< holding brake, arm side
   double load_filter_s = 0;    ///< time constant of the load seen by friction; 0 = none
   Dynamics dynamics = Dynamics::none;
@@ -97,6 +99,8 @@ struct Drive {
   double torque_scale_nm() const { return law.info->normalised ? torque_max_nm : 1; }
   /// Joint speed to the law's speed.
   double speed_scale() const { return law.info->side == friction::Side::motor ? gear_ratio : 1; }
+  /// Torque per current that a controller assumes: arm side, of the winding at its reference temperature [Nm/A].
+  double torque_per_current_nm_A() const { return gear_ratio * winding.torque_constant_nm_A; }
 };
 
 /// The state that determines a drive's future. On 3.x it lies in mjData's activations, so that resets, copies and
@@ -109,6 +113,11 @@ struct State {
 /// The state of a drive with bristles. For such a drive, pass one wherever the functions below take a State.
 struct BristleState : State {
   double z = 0;  ///< lugre: bristle deflection [rad, side of the law]; gear_loss: z [-]
+};
+
+/// The state of a drive with a winding, with or without bristles; likewise.
+struct MotorState : BristleState {
+  thermal::WindingState winding;
 };
 
 /// Faults of a drive as mechanisms that act in a step; all zero: a healthy drive. Named faults: fault.hpp.
@@ -152,10 +161,14 @@ struct Workspace {
   double qd_begin_rad_s;
   double gear_limit_nm, limit_nm;  ///< friction limit without and with brake, arm side; with bristles that of h alone
   double q_begin_rad;
-  double applied_nm;  ///< torque of the bristles, arm side, positive with motion; 0 without bristles
-  double rise_K;      ///< when the step began
-  double deflection;  ///< of the bristles when the step began
-  double passive_nm;  ///< this drive's share of qfrc_passive on engines without plugins
+  double applied_nm;                ///< torque of the bristles, arm side, positive with motion; 0 without bristles
+  double rise_K;                    ///< when the step began
+  double deflection;                ///< of the bristles when the step began
+  double winding_rise_K, overload;  ///< when the step began; as the next three 0 without a winding
+  double winding_degC;
+  double current_limit_A;
+  double hot_torque_loss;  ///< share of the torque computed from the current that the warm magnets do not deliver
+  double passive_nm;       ///< this drive's share of qfrc_passive on engines without plugins
 
   // outputs of the last finished step
   double temperature_degC;  ///< at which friction was evaluated, a multiple of 2^-14 K
@@ -163,16 +176,20 @@ struct Workspace {
   double friction_nm;       ///< transmitted gear friction, arm side, positive with motion, without Drive::offset_nm
   double torque_nm;  ///< motor torque, arm side, as computed from the current: the value that a controller assumes
   double outside;    ///< not 0: an input lay outside the law's range
+  double current_A;  ///< of the motor; 0 without a winding
 
   // totals since reset
-  double friction_work_J, heat_J;  ///< heat = friction work + what `added_heat_J` brought
+  double friction_work_J, heat_J;        ///< heat = friction work + what `added_heat_J` brought + winding_heat_J
+  double copper_loss_J, winding_heat_J;  ///< made in the winding; of it, what has flowed to the gear
   double steps_outside;
   double stuck_s;  ///< time in which friction held the joint
 };
 inline constexpr std::size_t workspace_size = sizeof(Workspace) / sizeof(double);
-/// actdim of the MJCF vocabulary: 3, with bristles 4.
+/// actdim of the MJCF vocabulary: 3, with bristles 4, with a winding 6.
 inline std::size_t state_size(const Drive& drive) {
-  static_assert(sizeof(State) == 3 * sizeof(double) && sizeof(BristleState) == 4 * sizeof(double));
+  static_assert(sizeof(State) == 3 * sizeof(double) && sizeof(BristleState) == 4 * sizeof(double) &&
+                sizeof(MotorState) == 6 * sizeof(double));
+  if (drive.winding.present()) return 6;
   return drive.dynamics == Dynamics::none ? 3 : 4;
 }
 
@@ -190,7 +207,13 @@ friction::Level level(const Drive& drive, const friction::AtTemperature& at, dou
 /// Lubricant temperature [degC].
 double temperature_degC(const Drive& drive, const State& state);
 
-/// Sets the lubricant temperature; the thermal model continues from there unless `workspace.temperature_held`.
+/// Winding temperature [degC]; the lubricant's without a winding.
+double winding_degC(const Drive& drive, const State& state);
+/// Sets it; nothing without a winding.
+void set_winding(const Drive& drive, State& state, double winding_degC);
+
+/// Sets the lubricant temperature; the thermal model continues from there unless `workspace.temperature_held`. A
+/// winding keeps its own.
 void set_temperature(const Drive& drive, State& state, double temperature_degC);
 
 /// Multiplies law parameter `index` by `factor` (>= 0; 1 restores it).
@@ -200,7 +223,16 @@ void set_wear(Workspace& workspace, std::size_t index, double factor);
 void set_faults(Workspace& workspace, const Faults& faults);
 
 /// Motor torque that acted in the last finished step [Nm, arm side].
-inline double delivered_nm(const Workspace& s) { return (1 - s.faults.torque_loss) * s.torque_nm; }
+inline double delivered_nm(const Workspace& s) {
+  return (1 - s.faults.torque_loss) * (1 - s.hot_torque_loss) * s.torque_nm;
+}
+
+/// A motor torque within the current limit of the step under way [Nm, arm side]; any without a winding.
+inline double within_current_limit(const Drive& drive, const Workspace& s, double torque_nm) {
+  if (!drive.winding.present()) return torque_nm;
+  const double most_nm = drive.torque_per_current_nm_A() * s.current_limit_A;
+  return torque_nm > most_nm ? most_nm : torque_nm < -most_nm ? -most_nm : torque_nm;
+}
 
 /// A law with the faults that act at every angle: all but ripple and backlash.
 friction::Law with_faults(const friction::Law& law, const Faults& faults);

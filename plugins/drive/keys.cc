@@ -89,7 +89,7 @@ std::span<const char* const> all_keys() {
     const auto add = [&all](std::string_view name) {
       if (std::ranges::find(all, name) == all.end()) all.emplace_back(name);
     };
-    for (const auto& keys : {word_keys(), number_keys(), list_keys()})
+    for (const auto& keys : {word_keys(), number_keys(), list_keys(), thermal::winding_keys()})
       for (const Key& key : keys) add(key.name);
     for (const DynamicsInfo& info : dynamics_table())
       for (const Key& key : info.keys) add(key.name);

@@ -30,7 +30,7 @@ double slide(const Drive& drive, const thermal::Decay& decay, double speed_rad_s
   const double delivered = load + (s.workspace.applied_nm + row) + drive.offset_nm;
   end_step(drive, decay,
            {.friction_nm = row,
-            .torque_nm = delivered / (1 - s.workspace.faults.torque_loss),
+            .torque_nm = delivered / (1 - s.workspace.faults.torque_loss) / (1 - s.workspace.hot_torque_loss),
             .qd_end_rad_s = speed,
             .q_end_rad = end_rad},
            dt, s.state, s.workspace);

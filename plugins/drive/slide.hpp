@@ -8,7 +8,7 @@ namespace tribotwin::drive {
 
 /// All that such a drive carries from step to step. All zero: ambient temperature, angle 0, healthy.
 struct Sliding {
-  BristleState state;
+  MotorState state;
   Workspace workspace{};
   double time_s = 0, position_rad = 0;
 };

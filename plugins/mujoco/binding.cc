@@ -130,6 +130,8 @@ double resistance_nm(const drive::Drive& drive, double qd_rad_s, double load_nor
 }
 
 std::string actdim_message(const drive::Drive& drive) {
+  if (drive.winding.present())
+    return fmt::format("actdim=\"{}\", the size of a drive's state with a winding", drive::state_size(drive));
   const bool bristles = drive.dynamics != drive::Dynamics::none;
   return fmt::format("actdim=\"{}\", the size of a drive's state {}", drive::state_size(drive),
                      bristles ? "with friction=\"lugre\" or \"gear_loss\" (3 without)"
@@ -214,7 +216,10 @@ const drive::Workspace& workspace(const mjData* d, const Binding& b) {
   return *reinterpret_cast<const drive::Workspace*>(engine::workspace(d) + b.workspace_address);
 }
 
-double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
+namespace {
+
+/// The actuator force that the control asks for, within its range.
+double asked_force(const mjModel* m, const mjData* d, const Binding& b) {
   if (engine::is_disabled(m, b.actuator)) return 0;
   mjtNum control = engine::control(m, d, b.actuator, b.control);
   if (m->actuator_ctrllimited[b.control] && !(m->opt.disableflags & mjDSBL_CLAMPCTRL)) {
@@ -230,6 +235,24 @@ double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
   return mju_clip(force, range[0], range[1]);
 }
 
+/// Joint torque that the engine's actuator gives in excess of what the motor delivers: a weak motor, warm magnets, and
+/// where the engine computes the force itself, a drive at its current limit.
+double missing_nm(const mjModel* m, const mjData* d, const Binding& b, const drive::Workspace& s) {
+  if (!b.drive.winding.present())
+    return s.faults.torque_loss == 0 ? 0 : s.faults.torque_loss * commanded_force(m, d, b) * b.gear;
+  const double given_nm = drive::within_current_limit(b.drive, s, asked_force(m, d, b) * b.gear),
+               engine_nm = TRIBOTWIN_ENGINE_PLUGINS ? given_nm : asked_force(m, d, b) * b.gear;
+  return engine_nm - (1 - s.faults.torque_loss) * (1 - s.hot_torque_loss) * given_nm;
+}
+
+}  // namespace
+
+double commanded_force(const mjModel* m, const mjData* d, const Binding& b) {
+  const double force = asked_force(m, d, b);
+  if (!b.drive.winding.present()) return force;
+  return drive::within_current_limit(b.drive, workspace(d, b), force * b.gear) / b.gear;
+}
+
 void limit_friction(const mjModel* m, mjData* d, const Binding& b, Stage stage, double& passive_nm) {
   drive::Workspace& s = workspace(d, b);
   const bool later_stage = m->opt.integrator == mjINT_RK4 && drive::within_step(s, d->time, m->opt.timestep);
@@ -242,7 +265,7 @@ void limit_friction(const mjModel* m, mjData* d, const Binding& b, Stage stage, 
 
   double applied_nm = b.drive.dynamics == drive::Dynamics::none ? 0 : -s.applied_nm;
   applied_nm -= b.drive.offset_nm;
-  if (s.faults.torque_loss != 0) applied_nm -= s.faults.torque_loss * commanded_force(m, d, b) * b.gear;
+  if (const double missing = missing_nm(m, d, b, s); missing != 0) applied_nm -= missing;
   double& passive = d->qfrc_passive[b.dof];
   if (stage == Stage::passive || (!engine::calls_passive(m) && passive == 0)) passive_nm = 0;
   if (applied_nm != passive_nm) passive += applied_nm - passive_nm;
@@ -253,7 +276,8 @@ void book_friction(const mjModel* m, mjData* d, const Binding& b) {
   const int row = engine::friction_row(d, b.dof, b.row_hint);
   const drive::Transmitted transmitted{
       .friction_nm = row >= 0 ? -d->efc_force[row] : 0,
-      .torque_nm = engine::within_joint_range(m, b.joint, d->actuator_force[b.force] * b.gear),
+      .torque_nm = drive::within_current_limit(
+          b.drive, workspace(d, b), engine::within_joint_range(m, b.joint, d->actuator_force[b.force] * b.gear)),
       .qd_end_rad_s = b.speed(d),
       .q_end_rad = b.angle(d),
       .rotor_inertia_kg_m2 = engine::rotor_inertia(m, b.dof, b.actuator, b.gear)};

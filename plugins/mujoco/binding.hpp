@@ -54,7 +54,8 @@ drive::Workspace& workspace(mjData* d, const Binding& binding);
 const drive::State& state(const mjData* d, const Binding& binding);
 const drive::Workspace& workspace(const mjData* d, const Binding& binding);
 
-/// The actuator force that the control commands, within its range, as computed from the motor's current.
+/// The actuator force that the control commands, within its range and the drive's current limit, as computed from the
+/// motor's current.
 double commanded_force(const mjModel* m, const mjData* d, const Binding& binding);
 
 /// Where in mj_forward or mj_inverse the engine asks for friction.

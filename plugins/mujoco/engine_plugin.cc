@@ -204,8 +204,8 @@ void compute(const mjModel* m, mjData* d, int instance, int capability) {
   check_again(m, *all);
   const Stage stage = capability == mjPLUGIN_PASSIVE ? Stage::passive : Stage::actuation;
   for (BoundDrive& b : all->drives) {
+    limit_friction(m, d, b, stage, b.passive_nm);  // begins the step, which has the current limit
     if (stage == Stage::actuation) d->actuator_force[b.force] = commanded_force(m, d, b);
-    limit_friction(m, d, b, stage, b.passive_nm);
   }
 }
 

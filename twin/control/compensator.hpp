@@ -84,7 +84,7 @@ class Compensator {
   MomentumObserver observer_;
   HysteresisInverse inverse_;
   thermal::Decay decay_{};
-  drive::BristleState state_{};
+  drive::MotorState state_{};
   drive::Workspace workspace_{};
   friction::AtTemperature reference_;
   double friction_nm_ = 0, applied_rad_ = 0, angle_rad_ = 0;

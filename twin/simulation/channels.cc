@@ -30,6 +30,18 @@ const DriveChannel drive_channels[] = {
      [](const Twin& t, std::size_t i) { return t.drive(i).temperature_degC; }},
 };
 
+/// Of models in which a drive has a winding.
+const DriveChannel winding_channels[] = {
+    {{"winding_temperature_degC", "degC", "winding temperature, over the step from time_s"},
+     [](const Twin& t, std::size_t i) { return t.drive(i).winding_degC; }},
+    {{"motor_current_A", "A", "motor current, over the step from time_s"},
+     [](const Twin& t, std::size_t i) { return t.drive(i).current_A; }},
+    {{"current_limit_A", "A", "largest current of the drive: derating and I^2 t protection, over the step from time_s"},
+     [](const Twin& t, std::size_t i) { return t.drive(i).current_limit_A; }},
+};
+
+bool has_winding(const mujoco::Binding& binding) { return binding.drive.winding.present(); }
+
 struct TransmissionChannel {
   Channel channel;
   double Twin::Transmission::*value;
@@ -60,6 +72,8 @@ std::vector<Channel> channels(const mujoco::Model& model) {
   for (const auto& row : drive_channels) all.push_back(row.channel);
   if (!model.springs().empty())
     for (const auto& row : transmission_channels) all.push_back(row.channel);
+  if (std::ranges::any_of(model.drives(), has_winding))
+    for (const auto& row : winding_channels) all.push_back(row.channel);
   return all;
 }
 
@@ -82,6 +96,10 @@ void read_channels(const Twin& twin, std::span<double> row) {
     for (std::size_t c = 0; c < std::size(transmission_channels); ++c)
       values[c] = transmission.*transmission_channels[c].value;
   }
+  for (std::size_t i = 0; i < drives; ++i)
+    if (has_winding(twin.model().drives()[i]))
+      for (std::size_t c = 0; c < std::size(winding_channels); ++c)
+        row[(i + 1) * width - std::size(winding_channels) + c] = winding_channels[c].value(twin, i);
 }
 
 std::vector<Channel> cycle_channels() {

@@ -174,6 +174,9 @@ void read_multirate(Mapping& in, Scenario& s) {
   multirate->done();
   if (s.multirate.enabled && (!s.motion || s.motion->period_s() == 0))
     in.fail("multirate", "needs a motion that repeats (cycle or back_and_forth)");
+  const auto heats = [](const mujoco::Binding& b) { return b.drive.winding.present(); };
+  if (s.multirate.enabled && std::ranges::any_of(s.model->drives(), heats))
+    in.fail("multirate", "does not know the heat of windings; remove it, or the keys of the winding");
 }
 
 void read_expects(Mapping& in, Scenario& s) {

@@ -24,6 +24,13 @@ nlohmann::ordered_json health_json(const Summary& s) {
   return all;
 }
 
+std::optional<JointSummary::Winding> winding_summary(const Twin& twin, std::size_t i) {
+  if (!twin.model().drives()[i].drive.winding.present()) return std::nullopt;
+  return JointSummary::Winding{twin.scenario().temperature_degC[i], twin.winding_degC(i),
+                               std::max(twin.figures(i).winding_max_degC, twin.winding_degC(i)),
+                               twin.drive(i).copper_loss_J};
+}
+
 }  // namespace
 
 Summary summarize(const Twin& twin, double wall_s, double record_bytes) {
@@ -43,6 +50,7 @@ Summary summarize(const Twin& twin, double wall_s, double record_bytes) {
     s.joints.push_back({.name = joint_name(twin.model().get(), drives[i]),
                         .temperature_degC = {twin.scenario().temperature_degC[i], twin.temperature_degC(i),
                                              std::max(f.temperature_max_degC, twin.temperature_degC(i))},
+                        .winding = winding_summary(twin, i),
                         .friction_nm = {std::sqrt(f.friction_squared_sum /
                                                   static_cast<double>(std::max<std::int64_t>(1, twin.steps()))),
                                         f.friction_max_nm},
@@ -104,7 +112,7 @@ std::string summary_json(const Summary& s) {
                               {"motor_work_J", s.motor_work_J},
                               {"energy_balance_J", s.energy_balance_J}};
   json["joints"] = nlohmann::ordered_json::array();
-  for (const auto& j : s.joints)
+  for (const auto& j : s.joints) {
     json["joints"].push_back(
         {{"name", j.name},
          {"friction_unit", unit_of("Nm", j.slide)},
@@ -114,6 +122,11 @@ std::string summary_json(const Summary& s) {
          {"load_norm", {{"max", j.load_max_norm}}},
          {"clamped_samples", j.clamped_samples},
          {"stuck_s", j.stuck_s}});
+    if (const auto& w = j.winding)
+      json["joints"].back()["winding"] = {
+          {"temperature_degC", {{"start", w->start_degC}, {"end", w->end_degC}, {"max", w->max_degC}}},
+          {"copper_loss_J", w->copper_loss_J}};
+  }
   json["health"] = health_json(s);
   json["warnings"] = all_warnings(s);
   add_transmissions(json, s);

@@ -16,6 +16,10 @@ struct JointSummary {
   struct {
     double start, end, max;
   } temperature_degC;
+  struct Winding {
+    double start_degC, end_degC, max_degC, copper_loss_J;
+  };
+  std::optional<Winding> winding;
   struct {
     double rms, max;
   } friction_nm;  ///< [Nm; N of a slide]

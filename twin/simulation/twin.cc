@@ -83,6 +83,7 @@ void Twin::set_start_state() {
   for (std::size_t i = 0; i < drives.size(); ++i) {
     data_->qpos[position_address(model_->get(), drives[i])] = scenario_.start_rad[i];
     drive::set_temperature(drives[i].drive, mujoco::state(data_.get(), drives[i]), scenario_.temperature_degC[i]);
+    drive::set_winding(drives[i].drive, mujoco::state(data_.get(), drives[i]), scenario_.temperature_degC[i]);
     if (scenario_.ambient_degC)
       mujoco::workspace(data_.get(), drives[i]).ambient_offset_K =
           *scenario_.ambient_degC - drives[i].drive.thermal.T_amb_degC;
@@ -259,6 +260,7 @@ Result<void> Twin::account(std::size_t i) {
   other_work_J_ -= binding.drive.offset_nm * 0.5 * (qd_begin_[i] + data_->qvel[binding.dof]) * timestep_s_;
   JointFigures& f = figures_[i];
   f.temperature_max_degC = std::max(f.temperature_max_degC, s.temperature_degC);
+  if (binding.drive.winding.present()) f.winding_max_degC = std::max(f.winding_max_degC, winding_degC(i));
   f.friction_squared_sum += s.friction_nm * s.friction_nm;
   f.friction_max_nm = std::max(f.friction_max_nm, std::abs(s.friction_nm));
   f.load_max_norm = std::max(f.load_max_norm, std::abs(s.load_used_nm) / binding.drive.torque_max_nm);

@@ -20,7 +20,7 @@ enum class Status {
 
 /// Statistics of one joint since the start of the run; the sum is over all steps, skipped ones included.
 struct JointFigures {
-  double temperature_max_degC = -1e9;
+  double temperature_max_degC = -1e9, winding_max_degC = -1e9;
   double friction_squared_sum = 0, friction_max_nm = 0;
   double load_max_norm = 0;
 };
@@ -63,6 +63,8 @@ class Twin {
   const drive::Workspace& drive(std::size_t i) const { return mujoco::workspace(data_.get(), model_->drives()[i]); }
   const drive::State& state(std::size_t i) const { return mujoco::state(data_.get(), model_->drives()[i]); }
   double temperature_degC(std::size_t i) const { return drive::temperature_degC(model_->drives()[i].drive, state(i)); }
+  /// Of the winding; of the lubricant without one.
+  double winding_degC(std::size_t i) const { return drive::winding_degC(model_->drives()[i].drive, state(i)); }
   const JointFigures& figures(std::size_t i) const { return figures_[i]; }
   const Watch& watch() const { return watch_; }
 

@@ -925,6 +925,41 @@ TEST_F(OneNode, HeatIsWarnedOfAndThenAFault) {
   EXPECT_EQ(node.error_code(), 0x4310);
 }
 
+TEST_F(OneNode, WithoutAWindingNoObjectSpeaksOfOne) {
+  EXPECT_EQ(node.dictionary().find(0x2100, 2), nullptr);
+  EXPECT_EQ(node.dictionary().find(0x2111, 2), nullptr);
+  EXPECT_EQ(node.dictionary().get(0x2100, 0), 1);
+  EXPECT_EQ(node.dictionary().get(0x2111, 0), 1);
+}
+
+TEST(Winding, ItsHeatIsAnObjectAWarningAndAFault) {
+  DriveParameters p = parameters;
+  p.winding = {25, 130, 155};
+  std::vector<Frame> bus;
+  Node node(p, [&](const Frame& frame) {
+    bus.push_back(frame);
+    return Sent::done;
+  });
+  EXPECT_EQ(node.dictionary().get(0x2100, 0), 2);
+  EXPECT_EQ(node.dictionary().get(0x2100, 2), 250);
+  EXPECT_EQ(node.dictionary().get(0x2111, 2), 1550);
+  EXPECT_EQ(node.dictionary().get(0x2111, 3), 1300);
+  const auto warned = [&] { return (node.dictionary().get(od::statusword) & 0x80) != 0; };
+  Feedback robot;
+  robot.winding_degC = 129.9;
+  node.feedback(robot, 1e-3);
+  EXPECT_EQ(node.dictionary().get(0x2100, 2), 1299);
+  EXPECT_FALSE(warned());
+  robot.winding_degC = 131;
+  node.feedback(robot, 1e-3);
+  EXPECT_TRUE(warned());
+  EXPECT_EQ(node.error_code(), 0);
+  robot.winding_degC = 155.1;
+  node.feedback(robot, 1e-3);
+  EXPECT_EQ(node.error_code(), 0x4310);
+  EXPECT_EQ(node.dictionary().get(0x2100, 1), 250);  // the lubricant is cool
+}
+
 TEST_F(OneNode, AnotherNodeWithItsNumberIsCounted) {
   send(0x705, {5});
   send(0x585, {0x60, 0, 0, 0, 0, 0, 0, 0});

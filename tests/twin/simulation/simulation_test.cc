@@ -257,6 +257,62 @@ TEST(Bad, ScenariosAreRefusedWithPlaceAndRemedy) {
   EXPECT_THAT(recording("none.json"), HasSubstr("cannot be read"));
 }
 
+/// A model of one joint whose motor has a winding, and a scenario that moves it.
+fs::path motor_scenario(const Folder& folder) {
+  std::ofstream(folder.path / "arm.xml") << R"(<mujoco><option timestep="0.001" tolerance="1e-10"/>
+  <extension><plugin plugin="tribotwin.drive"><instance name="j"><config key="law" value="stribeck"/>
+      <config key="Fc" value="0.03"/><config key="Fs" value="0.02"/><config key="Fv" value="4e-4"/>
+      <config key="vs" value="10"/><config key="alpha" value="1.3"/><config key="torque_max_nm" value="100"/>
+      <config key="gear_ratio" value="50"/><config key="thermal" value="second_order"/><config key="c1" value="1e-2"/>
+      <config key="c2" value="1e-3"/><config key="t1" value="20"/><config key="t2" value="300"/>
+      <config key="winding_resistance_ohm" value="0.5"/><config key="torque_constant_nm_A" value="0.1"/>
+      <config key="winding_heat_capacity_J_K" value="5"/><config key="winding_thermal_resistance_K_W" value="0.4"/>
+      </instance></plugin></extension>
+  <worldbody><body><joint name="hinge" axis="0 1 0" armature="2" frictionloss="1" solreffriction=".001 1"
+      solimpfriction=".9999 .9999 .001 .5 2"/><geom type="sphere" size=".1" pos=".5 0 0" mass="4"/></body></worldbody>
+  <actuator><plugin name="drive" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="6" dyntype="user"/>
+  </actuator></mujoco>)";
+  std::ofstream(folder.path / "s.yaml")
+      << "model: arm.xml\nduration_s: 4\nmotion: {type: back_and_forth, joint: hinge, "
+         "travel_rad: 0.5, speed_rad_s: 1}\n";
+  return folder.path / "s.yaml";
+}
+
+TEST(Winding, IsInTelemetryAndSummaryAndItsEnergyBalances) {
+  const Folder folder, out;
+  const auto scenario = load_scenario(motor_scenario(folder), {"temperature_degC=40"});
+  ASSERT_TRUE(scenario) << scenario.error().message;
+  const auto s = run(*scenario, {.directory = out.path});
+  ASSERT_TRUE(s) << s.error().message;
+  const auto& winding = s->joints[0].winding;
+  ASSERT_TRUE(winding);
+  EXPECT_EQ(winding->start_degC, 40);
+  EXPECT_GT(winding->end_degC, 41);
+  EXPECT_GE(winding->max_degC, winding->end_degC);
+  EXPECT_LT(std::abs(s->energy_balance_J), 1e-3 * s->motor_work_J);
+  const double flowed_J = s->heat_J - s->friction_work_J;
+  EXPECT_GT(flowed_J, 0);
+  EXPECT_NEAR(winding->copper_loss_J, flowed_J + 5 * (winding->end_degC - 40), 1e-9 * winding->copper_loss_J);
+  const auto record = read_telemetry(out.path / "telemetry.h5");
+  ASSERT_TRUE(record);
+  const auto T = record->channel("hinge", "winding_temperature_degC"), I = record->channel("hinge", "motor_current_A"),
+             torque = record->channel("hinge", "torque_nm"), limit = record->channel("hinge", "current_limit_A");
+  ASSERT_GT(T.size(), 100u);
+  EXPECT_NEAR(T[0], 40, 1e-4);
+  for (std::size_t i = 0; i < T.size(); ++i) {
+    EXPECT_NEAR(I[i], torque[i] / 5, 1e-4 * std::abs(I[i]) + 1e-6);
+    EXPECT_NEAR(limit[i], 20, 1e-4);
+  }
+  EXPECT_THAT(summary_json(*s), HasSubstr("copper_loss_J"));
+}
+
+TEST(Winding, SkippedCyclesAreRefused) {
+  const Folder folder;
+  const auto scenario = load_scenario(motor_scenario(folder), {"multirate={tolerance_K: 2}"});
+  ASSERT_FALSE(scenario);
+  EXPECT_THAT(scenario.error().message, HasSubstr("winding"));
+}
+
 TEST(Twin, OwnsItsScenario) {
   // The scenario's events and motion are read in every step; the address sanitizer sees it if they are gone.
   Twin twin(load_scenario(scenarios / "irb6620_warmup.yaml").value());

@@ -37,7 +37,7 @@ Prediction predict(const drive::Drive& of_law, std::span<const SlidingRecording>
   Index row = 0;
   for (std::size_t k = 0; k < recordings.size(); ++k) {
     const SlidingRecording& r = recordings[k];
-    drive::BristleState state;
+    drive::MotorState state;
     drive::Workspace workspace{.temperature_held = 1};
     const auto begins = [&](const drive::Drive& drive, std::size_t i) {
       drive::set_temperature(drive, state, temperature_of(r, i));
