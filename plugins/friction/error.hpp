@@ -13,13 +13,18 @@ enum class ErrorKind {
   work,   ///< the machine's or the method's: a full disk, a lost bus, a search that found nothing
 };
 
+/// The text with control characters, but for tabs and line breaks, as \\xNN: what a file holds must not steer a
+/// terminal.
+std::string without_controls(std::string text);
+
 /// Why a function has no result. The one error type of all libraries; a value, never an exception.
 struct Error {
-  std::string message;
+  std::string message;  ///< without control characters
   ErrorKind kind = ErrorKind::input;
 
-  Error(std::string what, ErrorKind whose = ErrorKind::input) : message(std::move(what)), kind(whose) {}
-  Error(const char* what, ErrorKind whose = ErrorKind::input) : message(what), kind(whose) {}
+  Error(std::string what, ErrorKind whose = ErrorKind::input)
+      : message(without_controls(std::move(what))), kind(whose) {}
+  Error(const char* what, ErrorKind whose = ErrorKind::input) : Error(std::string(what), whose) {}
 };
 
 /// A value, or why there is none.

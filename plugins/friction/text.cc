@@ -115,4 +115,12 @@ std::string_view nearest(std::string_view wrong, std::span<const std::string_vie
   return *std::ranges::min_element(accepted, {}, [&](std::string_view name) { return typing_errors(wrong, name); });
 }
 
+std::string without_controls(std::string text) {
+  const auto is_control = [](char c) { return (byte_of(c) < 0x20 && c != '\n' && c != '\t') || byte_of(c) == 0x7F; };
+  if (std::ranges::none_of(text, is_control)) return text;
+  std::string out;
+  for (const char c : text) out += is_control(c) ? fmt::format("\\x{:02x}", byte_of(c)) : std::string(1, c);
+  return out;
+}
+
 }  // namespace tribotwin

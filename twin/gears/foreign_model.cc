@@ -8,6 +8,7 @@
 #include <tribotwin/plugins/mujoco/source.hpp>
 #include <tribotwin/twin/gears/drive_elements.hpp>
 #include <tribotwin/twin/gears/foreign_model.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -107,6 +108,19 @@ std::map<std::string, UrdfLimit> limits_of(const pugi::xml_document& urdf) {
   return limits;
 }
 
+/// The engine ends the program on a type that it does not know.
+Result<void> check_joint_types(const mujoco::Source& urdf) {
+  static const std::vector<std::string> types{"revolute", "continuous", "prismatic", "fixed", "floating", "planar"};
+  for (const auto& match : urdf.document->select_nodes("/robot/joint[@type]")) {
+    const std::string type = match.node().attribute("type").value();
+    if (std::ranges::find(types, type) == types.end())
+      return tl::unexpected(fmt::format("{}: type '{}' of joint '{}' is not known: {}{}",
+                                        mujoco::at(urdf, match.node()), type, match.node().attribute("name").value(),
+                                        joined(types), did_you_mean(type, types)));
+  }
+  return {};
+}
+
 /// The file that a URDF means: package://NAME/PATH is looked up beside and above the URDF.
 fs::path mesh_file(std::string name, const fs::path& folder, const fs::path& meshdir) {
   constexpr std::string_view package = "package://", plain = "file://";
@@ -187,7 +201,9 @@ std::string plain(const std::string& message) {
   return text.substr(0, text.find_last_not_of(' ') + 1);
 }
 
-Result<void> read_urdf(ForeignModel& foreign, pugi::xml_document& urdf, const fs::path& file) {
+Result<void> read_urdf(ForeignModel& foreign, const mujoco::Source& source, const fs::path& file) {
+  if (const auto known = check_joint_types(source); !known) return known;
+  pugi::xml_document& urdf = *source.document;
   foreign.limits = limits_of(urdf);
   resolve_meshes(urdf, file.parent_path(), foreign.notes);
   pugi::xml_node robot = urdf.document_element();
@@ -241,7 +257,7 @@ Result<ForeignModel> read_foreign_model(const fs::path& file) {
   if (root != "mujoco" && root != "robot")
     return tl::unexpected(
         fmt::format("{}: is neither MJCF nor URDF: its root is <{}>, not <mujoco> or <robot>", file.string(), root));
-  const auto read = root == "mujoco" ? read_mjcf(foreign, file) : read_urdf(foreign, *sources->front().document, file);
+  const auto read = root == "mujoco" ? read_mjcf(foreign, file) : read_urdf(foreign, sources->front(), file);
   if (!read) return tl::unexpected(read.error());
   return foreign;
 }

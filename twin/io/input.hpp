@@ -21,7 +21,7 @@ namespace tribotwin::twin {
 
 /// The user's input is wrong; what() says where and what would be right. Programs answer with exit code 2.
 struct InputError : std::runtime_error {
-  using std::runtime_error::runtime_error;
+  explicit InputError(std::string what) : std::runtime_error(without_controls(std::move(what))) {}
 };
 
 /// The value, or its message thrown as InputError: exit code 2.

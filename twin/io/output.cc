@@ -73,8 +73,9 @@ void choose_colour(int argc, const char* const* argv) {
 
 bool coloured(Stream stream) { return colour_of_stream[stream == Stream::messages]; }
 
-void report_text(std::string_view text) {
+void report_text(std::string_view given) {
   if (held_back) return;
+  const std::string text = without_controls(std::string(given));
   erase_progress();
   for (const auto& [word, colour] :
        {std::pair<std::string_view, std::string_view>{"note:", cyan}, {"warning:", yellow}})
@@ -85,9 +86,14 @@ void report_text(std::string_view text) {
   (void)write_all(STDERR_FILENO, text);
 }
 
-int report_error(std::string_view program, Exit code, std::string_view text) {
-  if (held_back) last_error = text;
-  report_text(message(fmt::format("{}: {}\n", program, text), program.size() + 1, red));
+int report_error(std::string_view program, Exit code, std::string_view given) {
+  const std::string text = without_controls(std::string(given));
+  if (held_back) {
+    last_error = text;
+    return code;
+  }
+  erase_progress();
+  (void)write_all(STDERR_FILENO, message(fmt::format("{}: {}\n", program, text), program.size() + 1, red));
   return code;
 }
 

@@ -10,7 +10,8 @@ namespace {
 
 const char* name_of_program = "";
 
-[[noreturn]] void give_up() {
+// The attribute, unlike [[noreturn]], is part of the type, as clang wants it.
+__attribute__((noreturn)) void give_up() {
   report_error(name_of_program, failed,
                "the solver met numbers that it cannot use; check the data for values that no joint can have");
   std::_Exit(failed);

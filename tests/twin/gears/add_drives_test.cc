@@ -218,6 +218,16 @@ TEST_F(AddDrivesTest, EffortsThatAreGuessedAndGearsThatDoNotFitAreNamed) {
   }
 }
 
+/// MuJoCo 2.2.2 ends the program on it.
+TEST_F(AddDrivesTest, AUrdfWithAnUnknownTypeOfJointIsRefused) {
+  std::string urdf = arm_urdf("effort=\"100\"", false);
+  urdf.replace(urdf.find("\"revolute\""), 10, "\"revolut\x7F\"");
+  EXPECT_THAT(
+      refusal(write("arm.urdf", urdf), {}),
+      AllOf(HasSubstr("arm.urdf:"), HasSubstr("type 'revolut\\x7f' of joint 'turntable' is not known: revolute,"),
+            HasSubstr("did you mean 'revolute'?")));
+}
+
 TEST_F(AddDrivesTest, AnEffortThatIsGivenReplacesTheModels) {
   const auto file = write("arm.urdf", arm_urdf("effort=\"0\"", true));
   const auto robot = add_drives(file, {.effort_nm = efforts({"80", "shoulder=150"})}, folder);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <tribotwin/plugins/friction/text.hpp>
+#include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
@@ -76,4 +77,10 @@ TEST(Suggestion, NamesOnlyWhatIsNear) {
 }
 
 }  // namespace
+/// What a file holds must not steer a terminal.
+TEST(TextTest, MessagesHaveNoControlCharacters) {
+  EXPECT_EQ(Error("FILE:1: \x1B[31mred\x7F\r\n\tµ").message, "FILE:1: \\x1b[31mred\\x7f\\x0d\n\tµ");
+  EXPECT_STREQ(InputError("FILE:1: \x01").what(), "FILE:1: \\x01");
+}
+
 }  // namespace tribotwin::twin

@@ -337,11 +337,13 @@ std::vector<std::size_t> Separable::dependent_linear(const std::vector<std::size
 
 /// Start values of the nonlinear coordinates.
 std::vector<VectorXd> Separable::grid() const {
-  const auto [t_low, t_high] = std::ranges::minmax(samples_->temperature_degC);
+  // No bindings: clang 14 cannot capture them.
+  const auto temperature = std::ranges::minmax(samples_->temperature_degC);
+  const double t_low = temperature.min, t_high = temperature.max;
   // Speeds spread over the decades that were measured.
-  const auto [slowest, fastest] = std::ranges::minmax(samples_->speed);
-  const auto decade = [&, low = std::max(slowest, 1e-3 * fastest)](double share) {
-    return low * std::pow(fastest / low, share);
+  const auto speed = std::ranges::minmax(samples_->speed);
+  const auto decade = [high = speed.max, low = std::max(speed.min, 1e-3 * speed.max)](double share) {
+    return low * std::pow(high / low, share);
   };
   std::vector<VectorXd> points{values_};
   const auto branch = [&](std::size_t parameter, std::span<const double> choices) {
@@ -406,7 +408,8 @@ Point Separable::minimise() const {
         places, [&](std::size_t j) { return j == npos || a(static_cast<Index>(j)) == b(static_cast<Index>(j)); });
   };
   std::vector<VectorXd> followed;
-  for (const auto& [cost, start] : starts) {
+  for (const auto& [cost, found] : starts) {
+    const VectorXd& start = found;  // which clang 14 can capture
     if (followed.size() == (nonlinear < 6 ? 3u : 9u)) break;
     if (std::ranges::any_of(followed, [&](const VectorXd& other) { return same_place(other, start); })) continue;
     followed.push_back(start);
