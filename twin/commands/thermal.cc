@@ -31,7 +31,7 @@ struct Arguments {
   std::vector<double> cycle_s;  ///< none, one for all files, or one each
   int order = 0;
   double alpha = 0, rest_degC = 20;  ///< of friction; 0: not known
-  bool rested = false, chain = false, json = false, quiet = false;
+  bool rested = false, chain = false, winding = false, json = false, quiet = false;
 };
 
 bool has_temperature(const HeatSession& session) { return !session.temperature_degC.empty(); }
@@ -254,7 +254,14 @@ Result<Exit> identify_chain(const Arguments& a) {
     if (!std::ranges::all_of(joint.sessions, has_temperature))
       throw InputError(
           fmt::format("{}: --chain takes the temperatures of all joints; {} has none", a.data.front(), joint.name));
-  const auto fit = fit_thermal_chain(joints);
+  std::vector<WindingTrial> trials;
+  if (a.winding) {
+    auto tried = try_windings(joints);
+    if (!tried) throw InputError(fmt::format("{}: {}", a.data.front(), tried.error().message));
+    trials = *std::move(tried);
+  }
+  const auto best = std::ranges::min_element(trials, {}, &WindingTrial::held_out_rms_K);
+  const auto fit = fit_thermal_chain(joints, trials.empty() ? ChainWinding{} : best->winding);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
   Json j{{"exchange_1_s", json_of(fit->exchange, fit->lacking, fit->exchange.name)},
          {"rms_K", fit->rms_K},
@@ -262,7 +269,18 @@ Result<Exit> identify_chain(const Arguments& a) {
          {"samples", fit->samples},
          {"unidentifiable", fit->unidentifiable},
          {"lacking", json_of(fit->lacking)}};
+  for (const auto& t : trials)
+    j["windings"].push_back({{"winding_s", t.winding.winding_s},
+                             {"copper_1_K", t.winding.copper_1_K},
+                             {"held_out_rms_K", t.held_out_rms_K}});
   TextTable table = estimates_table();
+  if (!trials.empty()) {
+    const ChainWinding& w = fit->chain.winding;
+    j["winding"] = {{"winding_s", w.winding_s}, {"copper_1_K", w.copper_1_K}};
+    table.add({"all", fmt::format("winding of {:g} s, {:g} 1/K: chosen by the last third of each session, {:.3g} K rms "
+                                  "(without a winding {:.3g} K)",
+                                  w.winding_s, w.copper_1_K, best->held_out_rms_K, trials.front().held_out_rms_K)});
+  }
   table.add(cells_of("all", "", fit->exchange, fit->lacking, fit->exchange.name));
   for (std::size_t k = 0; k < fit->parameters.size(); ++k)
     for (const auto& e : fit->parameters[k]) {
@@ -369,6 +387,11 @@ void add_thermal(CLI::App& app, int& code) {
                             "short to identify slow poles joint by joint")
                     ->excludes(order)
                     ->excludes(rested);
+  c->add_flag(
+       "--winding", a->winding,
+       "With --chain and squared currents as power: heat passes through windings, whose time constant and copper "
+       "are chosen by predicting the last third of each session from the rest")
+      ->needs(chain);
   auto* alpha =
       c->add_option(
            "--alpha", a->alpha,

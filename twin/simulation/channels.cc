@@ -36,7 +36,8 @@ const DriveChannel winding_channels[] = {
      [](const Twin& t, std::size_t i) { return t.drive(i).winding_degC; }},
     {{"motor_current_A", "A", "motor current, over the step from time_s"},
      [](const Twin& t, std::size_t i) { return t.drive(i).current_A; }},
-    {{"current_limit_A", "A", "largest current of the drive: derating and I^2 t protection, over the step from time_s"},
+    {{"motor_current_limit_A", "A",
+      "largest current of the drive: derating and I^2 t protection, over the step from time_s"},
      [](const Twin& t, std::size_t i) { return t.drive(i).current_limit_A; }},
 };
 

@@ -99,6 +99,15 @@ std::optional<Drawing> temperature(const RunData& run) {
   return drawing(lubricant_temperature(), traces, std::move(caption));
 }
 
+std::optional<Drawing> winding_temperature(const RunData& run) {
+  const auto traces = of_joints(run, [&](std::size_t, const JointHistory& j) -> std::optional<Trace> {
+    Trace t = envelope(j.name, run.record.time_s, j.winding_degC);
+    return any_finite(t) ? std::optional(std::move(t)) : std::nullopt;
+  });
+  return drawing({.quantity = "winding temperature", .symbol = "{/:Italic T}_w", .unit = "°C"}, traces,
+                 "Temperature of the motors' windings.");
+}
+
 std::optional<Drawing> friction_power_of_joints(const RunData& run) {
   if (!has_cycles(run)) return std::nullopt;
   auto traces = of_joints(run, [&](std::size_t, const JointHistory& j) -> std::optional<Trace> {
@@ -187,6 +196,7 @@ std::optional<Drawing> recording_error_histogram(const RunData& run) {
 
 constexpr FigureRow<RunData> table[] = {
     {"temperature", "Temperature", temperature},
+    {"winding_temperature", "Winding temperature", winding_temperature},
     {"friction", "Friction power", friction_power_of_joints},
     {"friction", "Friction torque", friction_torque},
     {"cold_and_warm", "Cold and warm", cold_and_warm},

@@ -33,6 +33,7 @@ void add_joints(RunData& run) {
                        .friction_nm = channel("friction_nm"),
                        .load_nm = channel("load_nm"),
                        .temperature_degC = channel("temperature_degC"),
+                       .winding_degC = channel("winding_temperature_degC"),
                        .torsion_rad = channel("torsion_rad"),
                        .transmission_torque_nm = channel("transmission_torque_nm"),
                        .arm_position_rad = channel("arm_position_rad"),

@@ -21,6 +21,7 @@ struct JointHistory {
   std::string name;
   double gear_ratio = 1, torque_max_nm = 1;
   std::span<const double> position_rad, velocity_rad_s, friction_nm, load_nm, temperature_degC;  ///< of the record
+  std::span<const double> winding_degC;  ///< empty or NaN without a winding
   /// Of a drive behind a transmission; else empty or NaN. Torsion, arm and set point are angles behind the gear.
   std::span<const double> torsion_rad, transmission_torque_nm, arm_position_rad, arm_set_point_rad;
   double speed_max_rad_s = 0;  ///< m/s of a slide

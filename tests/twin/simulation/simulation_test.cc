@@ -296,7 +296,7 @@ TEST(Winding, IsInTelemetryAndSummaryAndItsEnergyBalances) {
   const auto record = read_telemetry(out.path / "telemetry.h5");
   ASSERT_TRUE(record);
   const auto T = record->channel("hinge", "winding_temperature_degC"), I = record->channel("hinge", "motor_current_A"),
-             torque = record->channel("hinge", "torque_nm"), limit = record->channel("hinge", "current_limit_A");
+             torque = record->channel("hinge", "torque_nm"), limit = record->channel("hinge", "motor_current_limit_A");
   ASSERT_GT(T.size(), 100u);
   EXPECT_NEAR(T[0], 40, 1e-4);
   for (std::size_t i = 0; i < T.size(); ++i) {

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <type_traits>
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
@@ -17,6 +18,7 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
+constexpr double copper = 0.00393;        // IEC 60028 [1/K]
 constexpr std::size_t max_samples = 300;  // per session: bodies of many minutes
 
 /// A session of all joints: joints x samples.
@@ -52,6 +54,53 @@ Session averaged(std::span<const JointHeat> joints, std::size_t session, std::si
   return out;
 }
 
+constexpr double copper_reference_degC = 25;
+
+/// The state of all windings of a chain: heat flows on their way from the copper to the joints [W].
+class WindingFlow {
+ public:
+  WindingFlow(const ChainWinding& winding, Index joints) : winding_(winding), flow_w_(VectorXd::Zero(joints)) {}
+  /// From the mean power of the first time constant, as if it had gone on before.
+  WindingFlow(const ChainWinding& winding, const Session& session) : winding_(winding) {
+    Index first = 1;
+    while (first + 1 < session.power_w.cols() &&
+           session.time_s[static_cast<std::size_t>(first)] - session.time_s[0] < winding.winding_s)
+      ++first;
+    flow_w_ = resisted(session.power_w.middleCols(1, std::min(first, session.power_w.cols() - 1)).rowwise().mean(),
+                       session.temperature_degC.col(0));
+  }
+  /// Mean flow over dt_s with this power and these temperatures of the joints.
+  VectorXd advance(const VectorXd& power_w, const VectorXd& temperature_degC, double dt_s) {
+    const VectorXd target = resisted(power_w, temperature_degC);
+    if (winding_.winding_s == 0) return target;
+    const double loss = -std::expm1(-dt_s / winding_.winding_s);
+    const VectorXd mean = target + (flow_w_ - target) * loss * winding_.winding_s / dt_s;
+    flow_w_ += (target - flow_w_) * loss;
+    return mean;
+  }
+
+ private:
+  VectorXd resisted(const VectorXd& power_w, const VectorXd& temperature_degC) const {
+    return power_w.array() * (1 + winding_.copper_1_K * (temperature_degC.array() - copper_reference_degC));
+  }
+  ChainWinding winding_;
+  VectorXd flow_w_;
+};
+
+/// The session with the heat that reaches the joints for its power, at the measured temperatures and from windings
+/// without a flow, which ChainProblem adds.
+Session behind_windings(Session session, const ChainWinding& winding) {
+  if (winding == ChainWinding{}) return session;
+  WindingFlow flow(winding, session.power_w.rows());
+  for (Index k = 1; k < session.power_w.cols(); ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    const VectorXd mean_degC = (session.temperature_degC.col(k - 1) + session.temperature_degC.col(k)) / 2;
+    session.power_w.col(k) =
+        flow.advance(session.power_w.col(k), mean_degC, session.time_s[at] - session.time_s[at - 1]);
+  }
+  return session;
+}
+
 /// The chain's matrix is symmetric: its modes relax independently, each exactly.
 struct Modes {
   MatrixXd shape;  ///< columns
@@ -69,7 +118,7 @@ struct Modes {
   }
 
   /// Amplitudes of the modes, modes x samples, from those at the start under constant drives [K/s] since the sample
-  /// before.
+  /// before, at which the amplitudes may decide them.
   template <class Drive>
   MatrixXd amplitudes(const std::vector<double>& time_s, VectorXd x, const Drive& drive) const {
     MatrixXd out(x.size(), static_cast<Index>(time_s.size()));
@@ -78,17 +127,22 @@ struct Modes {
       const auto at = static_cast<std::size_t>(k);
       const VectorXd loss =
           rate_1_s.unaryExpr([&](double rate) { return -std::expm1(-rate * (time_s[at] - time_s[at - 1])); });
-      x += loss.cwiseProduct(drive(k).cwiseQuotient(rate_1_s) - x);
+      if constexpr (std::is_invocable_v<Drive, Index, const VectorXd&>)
+        x += loss.cwiseProduct(drive(k, x).cwiseQuotient(rate_1_s) - x);
+      else
+        x += loss.cwiseProduct(drive(k).cwiseQuotient(rate_1_s) - x);
       out.col(k) = x;
     }
     return out;
   }
 };
 
-/// Unknowns: log t_j, then log k. Linear at each of them: g_j, A_j, and the start of each session.
+/// Unknowns: log t_j, then log k. Linear at each of them: g_j, A_j, the start of each session, and with windings what
+/// flows out of them then.
 class ChainProblem {
  public:
-  ChainProblem(std::vector<Session> sessions) : sessions_(std::move(sessions)), n_(sessions_.front().power_w.rows()) {
+  ChainProblem(std::vector<Session> sessions, double winding_s)
+      : sessions_(std::move(sessions)), n_(sessions_.front().power_w.rows()), winding_s_(winding_s) {
     for (const auto& s : sessions_) samples_ += n_ * static_cast<Index>(s.time_s.size());
     measured_.resize(samples_);
     Index row = 0;
@@ -100,7 +154,7 @@ class ChainProblem {
 
   Index joints() const { return n_; }
   Index samples() const { return samples_; }
-  Index unknowns() const { return n_ * (2 + static_cast<Index>(sessions_.size())); }
+  Index unknowns() const { return n_ * (2 + static_cast<Index>(sessions_.size()) * (winding_s_ > 0 ? 2 : 1)); }
 
   MatrixXd columns(const VectorXd& z) const {
     const VectorXd t_s = z.head(n_).array().exp();
@@ -121,6 +175,10 @@ class ChainProblem {
         put(n_ + j, modes.amplitudes(session.time_s, none, [&](Index) { return VectorXd(of_joint / t_s(j)); }));
         put((2 + static_cast<Index>(s)) * n_ + j,
             modes.amplitudes(session.time_s, of_joint, [&](Index) { return none; }));
+        if (winding_s_ > 0)
+          put((2 + static_cast<Index>(sessions_.size() + s)) * n_ + j,
+              modes.amplitudes(session.time_s, none,
+                               [&](Index k) { return VectorXd(of_joint * left_of_flow(session.time_s, k)); }));
       }
       row += rows;
     }
@@ -158,8 +216,16 @@ class ChainProblem {
   }
 
  private:
+  /// Mean since the sample before of a flow that was 1 at the start.
+  double left_of_flow(const std::vector<double>& time_s, Index k) const {
+    const auto at = static_cast<std::size_t>(k);
+    const double from_s = time_s[at - 1] - time_s[0], dt_s = time_s[at] - time_s[at - 1];
+    return std::exp(-from_s / winding_s_) * -std::expm1(-dt_s / winding_s_) * winding_s_ / dt_s;
+  }
+
   std::vector<Session> sessions_;
   Index n_, samples_ = 0;
+  double winding_s_;
   VectorXd measured_;
 };
 
@@ -187,6 +253,19 @@ Result<void> require_chain(std::span<const JointHeat> joints) {
                                               joint.name, joints.front().name)));
   }
   return {};
+}
+
+/// The first two thirds of every session (part 0), or the rest (1).
+std::vector<JointHeat> parts(std::span<const JointHeat> joints, int part) {
+  std::vector<JointHeat> out(joints.begin(), joints.end());
+  for (JointHeat& joint : out)
+    for (HeatSession& s : joint.sessions) {
+      const auto middle = static_cast<std::ptrdiff_t>(s.time_s.size() * 2 / 3);
+      for (std::vector<double>* column : {&s.time_s, &s.power_w, &s.temperature_degC})
+        part == 0 ? column->erase(column->begin() + middle, column->end())
+                  : column->erase(column->begin(), column->begin() + middle);
+    }
+  return out;
 }
 
 /// The best of several starts; empty where none has a finite cost.
@@ -242,11 +321,12 @@ std::vector<Lacking> judged(const ThermalChainFit& fit, std::span<const JointHea
 
 }  // namespace
 
-Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints) {
+Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints, ChainWinding winding) {
   if (auto ok = require_chain(joints); !ok) return tl::unexpected(ok.error());
   std::vector<Session> sessions;
-  for (std::size_t s = 0; s < joints.front().sessions.size(); ++s) sessions.push_back(averaged(joints, s, max_samples));
-  const ChainProblem problem(std::move(sessions));
+  for (std::size_t s = 0; s < joints.front().sessions.size(); ++s)
+    sessions.push_back(behind_windings(averaged(joints, s, max_samples), winding));
+  const ChainProblem problem(std::move(sessions), winding.winding_s);
   const Index n = problem.joints();
   if (problem.samples() <= problem.unknowns() + n + 1)
     return tl::unexpected(
@@ -268,6 +348,7 @@ Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints) {
       static_cast<double>(problem.samples()) / fit.correlation - static_cast<double>(covariance.cols());
   const double quantile = interval_sigmas(freedom);
   fit.chain.exchange_1_s = std::exp(z(n));
+  fit.chain.winding = winding;
   fit.exchange = estimate("exchange", "1/s", fit.chain.exchange_1_s,
                           covariance(n, n) * fit.chain.exchange_1_s * fit.chain.exchange_1_s, quantile);
   for (Index j = 0; j < n; ++j) {
@@ -293,9 +374,39 @@ MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const Joint
   };
   const Modes modes(vector(chain.t_s), chain.exchange_1_s);
   const VectorXd surroundings = vector(chain.ambient_degC).cwiseQuotient(vector(chain.t_s));
-  return modes.shape * modes.amplitudes(s.time_s, modes.shape.transpose() * s.temperature_degC.col(0), [&](Index k) {
-    return VectorXd(modes.shape.transpose() * (vector(chain.gain_K_J).cwiseProduct(s.power_w.col(k)) + surroundings));
+  WindingFlow flow(chain.winding, s);
+  VectorXd x = modes.shape.transpose() * s.temperature_degC.col(0);
+  return modes.shape * modes.amplitudes(s.time_s, x, [&](Index k, const VectorXd& before) {
+    const auto at = static_cast<std::size_t>(k);
+    const VectorXd heat_w = flow.advance(s.power_w.col(k), modes.shape * before, s.time_s[at] - s.time_s[at - 1]);
+    return VectorXd(modes.shape.transpose() * (vector(chain.gain_K_J).cwiseProduct(heat_w) + surroundings));
   });
+}
+
+Result<std::vector<WindingTrial>> try_windings(std::span<const JointHeat> joints) {
+  if (auto ok = require_chain(joints); !ok) return tl::unexpected(ok.error());
+  const std::vector<JointHeat> begin = parts(joints, 0), end = parts(joints, 1);
+  std::vector<WindingTrial> trials;
+  for (const double copper_1_K : {0.0, copper})
+    for (const double winding_s : {0.0, 15.0, 30.0, 60.0, 120.0, 240.0, 480.0}) {
+      WindingTrial trial{{winding_s, copper_1_K}};
+      const auto fit = fit_thermal_chain(begin, trial.winding);
+      if (!fit) return tl::unexpected(fit.error());
+      double squares = 0, count = 0;
+      for (std::size_t s = 0; s < end.front().sessions.size(); ++s) {
+        const MatrixXd predicted = predicted_temperatures(fit->chain, end, s);
+        for (Index j = 0; j < predicted.rows(); ++j) {
+          const auto& measured = end[static_cast<std::size_t>(j)].sessions[s].temperature_degC;
+          squares += (predicted.row(j).transpose() -
+                      Eigen::Map<const VectorXd>(measured.data(), static_cast<Index>(measured.size())))
+                         .squaredNorm();
+          count += static_cast<double>(measured.size());
+        }
+      }
+      trial.held_out_rms_K = std::sqrt(squares / count);
+      trials.push_back(trial);
+    }
+  return trials;
 }
 
 }  // namespace tribotwin::twin::identification

@@ -17,12 +17,25 @@
 /// The slow poles, for which a record of a single joint is too short, are those of the chain and identifiable from the
 /// temperatures of its neighbours. Every state is measured: a prediction needs only the first temperatures. A_j
 /// includes the heat of electronics that are always on.
+///
+/// Where the power is the square of a motor's current, it can pass through windings first, which nobody measured: the
+/// third node before gear and housing. A winding stores heat for `winding_s`, and its resistance grows with the
+/// temperature of its joint, since its own rise above that is not known,
+///
+///   winding_s dw_j/dt = (1 + copper_1_K (T_j - 25 degC)) P_j - w_j,      with w_j in place of P_j above.
 namespace tribotwin::twin::identification {
+
+struct ChainWinding {
+  double winding_s = 0;   ///< thermal time constant of the windings, one for all; 0: none
+  double copper_1_K = 0;  ///< 0.00393 of copper
+  bool operator==(const ChainWinding&) const = default;
+};
 
 struct ThermalChain {
   std::vector<std::string> joints;
   std::vector<double> gain_K_J, t_s, ambient_degC;  ///< per joint: g_j, t_j, A_j
   double exchange_1_s = 0;                          ///< k
+  ChainWinding winding = {};
 };
 
 struct ThermalChainFit {
@@ -38,7 +51,17 @@ struct ThermalChainFit {
 
 /// Joints in the order of the arm, all recorded at the same times. t_j and k by Ceres from several starts; the others
 /// are linear, gains >= 0. A_j are the same in all sessions. ErrorKind::input with what the data lack.
-Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints);
+Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints, ChainWinding winding = {});
+
+/// A kind of winding and how well a chain with it, identified from the first two thirds of every session, predicts the
+/// last third.
+struct WindingTrial {
+  ChainWinding winding;
+  double held_out_rms_K = 0;  ///< of all joints
+};
+/// All kinds that are tried, none among them: time constants of 15 s to 8 min, copper. What is best is chosen without
+/// any recording but these. Fails as fit_thermal_chain does.
+Result<std::vector<WindingTrial>> try_windings(std::span<const JointHeat> joints);
 
 /// Temperatures [degC] of session `session`, joints x samples, from the first ones.
 Eigen::MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const JointHeat> joints,

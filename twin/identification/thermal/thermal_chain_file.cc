@@ -11,6 +11,10 @@ std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& 
       << YAML::Value << fit.rms_K;
   out << YAML::Key << "unidentifiable" << YAML::Value << YAML::Flow << fit.unidentifiable;
   write(out, fit.exchange);
+  if (fit.chain.winding != ChainWinding{})
+    out << YAML::Key << "winding" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "winding_s"
+        << YAML::Value << fit.chain.winding.winding_s << YAML::Key << "copper_1_K" << YAML::Value
+        << fit.chain.winding.copper_1_K << YAML::EndMap;
   out << YAML::Key << "chain" << YAML::Value << YAML::BeginMap;
   for (std::size_t j = 0; j < fit.parameters.size(); ++j) {
     out << YAML::Key << fit.chain.joints[j] << YAML::Value << YAML::BeginMap;
@@ -29,8 +33,12 @@ Result<bool> is_thermal_chain(const std::filesystem::path& file) try {
 
 Result<ThermalChain> read_thermal_chain(const std::filesystem::path& file) try {
   Mapping in(file.string(), "", load_yaml(file));
-  in.accept({"data", "rms_K", "unidentifiable", "exchange", "chain"});
+  in.accept({"data", "rms_K", "unidentifiable", "exchange", "winding", "chain"});
   ThermalChain chain{.exchange_1_s = read_estimate(in, "exchange", {0, 1})};
+  if (auto winding = in.mapping("winding")) {
+    winding->accept({"winding_s", "copper_1_K"});
+    chain.winding = {winding->number("winding_s", {0, 1e6}), winding->number("copper_1_K", {0, 0.02})};
+  }
   auto joints = in.mapping("chain");
   if (!joints) in.fail("chain", "is missing: this is no file of tribotwin thermal --chain");
   for (const auto& name : joints->names()) {
