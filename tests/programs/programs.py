@@ -240,6 +240,18 @@ commands = [
             ("joint.fmu",),
         ),
         Command(
+            "export --fmu of a scenario",
+            ("tribotwin", "export", "{in}/scenario.yaml", "--fmu", "robot.fmu"),
+            ("robot.fmu",),
+        ),
+        Command(
+            "export --bam",
+            ("tribotwin", "export", "{in}/params.yaml", "--bam", "bam.json", "--actuator", "mx64")
+            + ("--tau-max", "1", "--gear-ratio", "100"),
+            ("bam.json",),
+            stream="bam.json",
+        ),
+        Command(
             "add-drives", ("tribotwin", "add-drives", "{in}/bare.xml", "-o", "robot.xml"), ("robot.xml", "robot.yaml")
         ),
         Command("recover", ("tribotwin", "recover", "killed"), given=("killed",)),
