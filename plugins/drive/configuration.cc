@@ -253,7 +253,7 @@ Result<void> Reader::read_thermal() {
 }
 
 Result<void> Reader::read_winding() {
-  const auto keys = thermal::winding_keys();
+  const auto keys = winding_keys();
   if (!left_.contains(keys.front().name)) {
     for (const Key& key : keys)
       if (left_.contains(key.name))
@@ -262,7 +262,7 @@ Result<void> Reader::read_winding() {
     return {};
   }
   thermal::Winding& w = drive_.winding;
-  const auto targets = thermal::winding_values(w);
+  const auto targets = winding_values(w);
   for (std::size_t i = 0; i < keys.size(); ++i) {
     const auto value = take_number(keys[i], keys[i].fallback[0] == '\0');
     if (!value) return tl::unexpected(value.error());
@@ -306,7 +306,7 @@ Result<void> Reader::check_all_known() const {
   add(thermal_->parameters);
   add(dynamics_->keys);
   add(list_keys());
-  add(thermal::winding_keys());
+  add(winding_keys());
   const std::string& unknown = left_.begin()->first;
   return tl::unexpected(
       fmt::format("key '{}' is not known for law '{}', thermal '{}' and friction '{}'; did you mean '{}'?", unknown,
@@ -381,10 +381,9 @@ Configuration configuration_of(const Drive& drive) {
   for (std::size_t i = 0; i < values.size(); ++i) add(model.parameters[i].name, values[i]);
   if (drive.winding.present()) {
     thermal::Winding copy = drive.winding;
-    const auto numbers = thermal::winding_values(copy);
+    const auto numbers = winding_values(copy);
     for (std::size_t i = 0; i < numbers.size(); ++i)
-      if (*numbers[i] != 0 || thermal::winding_keys()[i].minimum <= 0)
-        add(thermal::winding_keys()[i].name, *numbers[i]);
+      if (*numbers[i] != 0 || winding_keys()[i].minimum <= 0) add(winding_keys()[i].name, *numbers[i]);
   }
   add("brake_torque_nm", drive.brake_torque_nm);
   add("load_filter_s", drive.load_filter_s);

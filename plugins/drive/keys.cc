@@ -62,6 +62,25 @@ constexpr Key lists[] = {
      "load table: friction added to the law's weakening part, a row of loads per speed, unit of the law (RH380-N study "
      "(4))"},
 };
+constexpr Key winding_table[] = {
+    {"winding_resistance_ohm", "ohm", "no winding", 1e-9, large,
+     "winding: resistance R at winding_reference_degC, of the DC motor with the same copper loss I^2 R"},
+    {"torque_constant_nm_A", "Nm/A", "", 1e-9, large,
+     "winding: torque per current at winding_reference_degC, motor side"},
+    {"winding_heat_capacity_J_K", "J/K", "", 1e-9, large, "winding: heat capacity C"},
+    {"winding_thermal_resistance_K_W", "K/W", "", 1e-9, large, "winding: thermal resistance R_th to the gear"},
+    {"winding_copper_1_K", "1/K", "0.00393", 0, 0.02, "winding: relative rise of the resistance per K"},
+    {"winding_magnet_1_K", "1/K", "0.001", 0, 0.02, "winding: relative fall of the torque constant per K"},
+    {"winding_reference_degC", "degC", "25", -100, 300, "winding: temperature of resistance and torque constant"},
+    {"winding_warning_degC", "degC", "130", -100, 1000, "winding: from here on the current limit falls"},
+    {"winding_limit_degC", "degC", "155", -100, 1000,
+     "winding: the current limit is 0, a bus drive in fault (155: insulation class F, IEC 60085)"},
+    {"current_max_A", "A", "of torque_max_nm", 1e-9, large, "winding: largest current of the drive"},
+    {"current_rated_A", "A", "no I^2 t", 1e-9, large, "winding: current for any time; above, I^2 t protection counts"},
+    {"overload_s", "s", "of current_rated_A", 1e-3, large,
+     "winding: time for which current_max_A may flow; at its end current_rated_A is left"},
+};
+static_assert(std::size(winding_table) == winding_key_count);
 constexpr ControlInfo control_table[] = {{"torque", Control::torque}, {"position", Control::position}};
 constexpr ValidityInfo validity_table[] = {
     {"clamp", friction::Validity::clamp},
@@ -78,6 +97,14 @@ std::span<const DynamicsInfo> dynamics_table() { return dynamics; }
 std::span<const ControlInfo> controls() { return control_table; }
 std::span<const ValidityInfo> validities() { return validity_table; }
 
+std::span<const Key> winding_keys() { return winding_table; }
+
+std::array<double*, winding_key_count> winding_values(thermal::Winding& w) {
+  return {&w.resistance_ohm, &w.torque_constant_nm_A, &w.heat_capacity_J_K, &w.thermal_resistance_K_W,
+          &w.copper_1_K,     &w.magnet_1_K,           &w.reference_degC,    &w.warning_degC,
+          &w.limit_degC,     &w.current_max_A,        &w.current_rated_A,   &w.overload_s};
+}
+
 std::array<double*, 3> dynamics_values(Drive& d) {
   if (d.dynamics == Dynamics::gear_loss) return {&d.gear_loss.mu_avg, &d.gear_loss.mu_dif, &d.gear_loss.length_rad};
   return {&d.bristles.sigma0, &d.bristles.sigma1, &d.bristles.vd};
@@ -89,7 +116,7 @@ std::span<const char* const> all_keys() {
     const auto add = [&all](std::string_view name) {
       if (std::ranges::find(all, name) == all.end()) all.emplace_back(name);
     };
-    for (const auto& keys : {word_keys(), number_keys(), list_keys(), thermal::winding_keys()})
+    for (const auto& keys : {word_keys(), number_keys(), list_keys(), winding_keys()})
       for (const Key& key : keys) add(key.name);
     for (const DynamicsInfo& info : dynamics_table())
       for (const Key& key : info.keys) add(key.name);

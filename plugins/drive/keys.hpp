@@ -16,6 +16,12 @@ std::span<const Key> number_keys();
 /// Lists of numbers, separated by spaces.
 std::span<const Key> list_keys();
 
+/// The keys of a winding. Without the first none of the others may be given.
+std::span<const Key> winding_keys();
+inline constexpr std::size_t winding_key_count = 12;
+/// The numbers that they set, in their order.
+std::array<double*, winding_key_count> winding_values(thermal::Winding& winding);
+
 struct DynamicsInfo {
   const char* name;
   Dynamics dynamics;

@@ -19,7 +19,7 @@ std::string key_table() {
   for (const Key& key : number_keys())
     out += fmt::format("| `{}` | {} | {} | {:g} .. {:g} | {} |\n", key.name, key.unit,
                        key.fallback[0] ? key.fallback : "required", key.minimum, key.maximum, key.meaning);
-  for (const Key& key : thermal::winding_keys())
+  for (const Key& key : winding_keys())
     out +=
         fmt::format("| `{}` | {} | {} | {:g} .. {:g} | {} |\n", key.name, key.unit,
                     key.fallback[0] ? key.fallback : "required with a winding", key.minimum, key.maximum, key.meaning);

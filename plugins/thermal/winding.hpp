@@ -1,10 +1,5 @@
 #pragma once
 
-#include <array>
-#include <span>
-
-#include <tribotwin/plugins/friction/key.hpp>
-
 /// Temperature of a motor's winding from its copper loss: the third node of a drive's heat, before those of
 /// thermal.hpp (gear and housing).
 ///
@@ -34,12 +29,6 @@ struct Winding {
   /// gradually, so that it settles instead of switching.
   double current_limit_A(double winding_degC, double overload) const;
 };
-
-/// The keys of a winding, in MJCF and YAML. Without `winding_resistance_ohm` none of them may be given.
-std::span<const Key> winding_keys();
-inline constexpr std::size_t winding_key_count = 12;
-/// The numbers that the keys set, in their order.
-std::array<double*, winding_key_count> winding_values(Winding& winding);
 
 struct WindingState {
   double rise_K = 0;    ///< over T_amb

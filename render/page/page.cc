@@ -186,6 +186,7 @@ DRAWN
   .scroll { overflow: visible; }
   table { font-size: .85em; }
   th, td { padding: 4px 7px; }
+  table.wide th, table.wide td { padding: 4px; }
   td:last-child:not(.number) { min-width: 12ch; }
 }
 )";
@@ -250,9 +251,26 @@ void prefix_ids(pugi::xml_node node, const std::string& prefix) {
 /// A table of more columns becomes a list of rows where the window is narrow.
 constexpr std::size_t columns_of_a_phone = 2, columns_of_a_tablet = 4;
 
+/// A head with places where a long dotted name, joints.hinge.temperature_degC.end say, may go on in the next line.
+pugi::xml_node add_head(pugi::xml_node to, const std::string& text, const char* kind = nullptr) {
+  constexpr std::size_t longest = 20;
+  auto head = Page::add(to, "th", text.size() > longest ? "" : text, kind);
+  if (text.size() <= longest) return head;
+  std::size_t from = 0;
+  for (std::size_t i = 1; i + 1 < text.size(); ++i)
+    if (text[i] == '.' && g_ascii_isalpha(text[i - 1]) && g_ascii_isalpha(text[i + 1])) {
+      head.append_child(pugi::node_pcdata).set_value(printable(text.substr(from, i + 1 - from), true).c_str());
+      head.append_child("wbr");
+      from = i + 1;
+    }
+  head.append_child(pugi::node_pcdata).set_value(printable(text.substr(from), true).c_str());
+  return head;
+}
+
 bool numeric(std::string_view cell) {
   return !cell.empty() &&
-         (g_ascii_isdigit(cell[0]) || ((cell[0] == '-' || cell[0] == '+') && cell.size() > 1) || cell == "–");
+         (g_ascii_isdigit(cell[0]) ||
+          ((cell[0] == '-' || cell[0] == '+') && cell.size() > 1 && g_ascii_isdigit(cell[1])) || cell == "–");
 }
 
 }  // namespace
@@ -335,14 +353,14 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
   };
   if (!head.empty()) {
     auto line = table.append_child("thead").append_child("tr");
-    for (std::size_t i = 0; i < head.size(); ++i) add(line, "th", head[i], kind(i)).append_attribute("scope") = "col";
+    for (std::size_t i = 0; i < head.size(); ++i) add_head(line, head[i], kind(i)).append_attribute("scope") = "col";
   }
   auto body = table.append_child("tbody");
   for (const auto& row : rows) {
     auto line = body.append_child("tr");
     for (std::size_t i = 0; i < row.size(); ++i)
       if (i == 0) {
-        add(line, "th", row[i]).append_attribute("scope") = "row";
+        add_head(line, row[i]).append_attribute("scope") = "row";
       } else {
         auto cell = add(line, "td", row[i].empty() ? "–" : row[i], kind(i));
         if (many) cell.append_attribute("data-label") = printable(head[i]).c_str();

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 
+#include <tribotwin/plugins/drive/keys.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
 
@@ -144,8 +145,8 @@ TEST(Winding, ItsKeysReadBack) {
   const auto again = drive::make_drive("j", drive::configuration_of(one));
   ASSERT_TRUE(again) << again.error().message;
   thermal::Winding a = one.winding, b = again->winding;
-  for (std::size_t i = 0; i < thermal::winding_key_count; ++i)
-    EXPECT_EQ(*thermal::winding_values(a)[i], *thermal::winding_values(b)[i]) << thermal::winding_keys()[i].name;
+  for (std::size_t i = 0; i < drive::winding_key_count; ++i)
+    EXPECT_EQ(*drive::winding_values(a)[i], *drive::winding_values(b)[i]) << drive::winding_keys()[i].name;
 }
 
 }  // namespace

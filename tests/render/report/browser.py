@@ -136,6 +136,22 @@ class Browser:
         self.check(f"{name} without scripts, dark: no drawing is white", dark["white"] == 0, dark["white"])
         self.tab.command("Emulation.setScriptExecutionDisabled", value=False)
 
+    def on_paper(self, name):
+        """The page as it is laid out for A4 upright: gnuplot's drawings, all of them whole."""
+        self.tab.window(718, 1000)
+        self.tab.command("Emulation.setEmulatedMedia", media="print")
+        m = self.tab.value(MEASURE)
+        live = self.tab.value("[...document.querySelectorAll('.live')].some(e => e.getClientRects().length)")
+        self.tab.command("Emulation.setEmulatedMedia", media="")
+        self.check(f"{name} on paper: gnuplot's drawings", not live and m["shown"] == m["drawings"], (live, m["shown"]))
+        self.check(
+            f"{name} on paper: nothing is cut off or over another",
+            m["overflow"] <= 0 and not m["wide"] and not m["hidden"] and not m["cut"] and not m["over"],
+            {k: m[k] for k in ("overflow", "wide", "hidden", "cut", "over")},
+        )
+        self.check(f"{name} on paper: no word of a table is torn", not m["torn"], m["torn"])
+        self.check(f"{name} on paper: contrast at least 4.5:1", m["contrast"] >= 4.5, (m["contrast"], m["where"]))
+
     def printed(self, page, file):
         """Prints the page as it is when it is opened; how many pages A4 it has."""
         self.open(page)
@@ -166,6 +182,7 @@ class Browser:
             last["alive"] == last["data"] and last["shown"] == last["drawings"],
             {k: last[k] for k in ("alive", "data", "shown", "drawings")},
         )
+        self.on_paper(name)
         self.without_scripts(name, page, images, drawings)
         fetched = [r for r in self.tab.requests[1:] if not r.startswith("data:")]
         self.check(name + ": nothing is fetched", not fetched, fetched)
