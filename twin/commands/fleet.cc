@@ -8,6 +8,7 @@
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/diagnosis/fleet/database/database.hpp>
 #include <tribotwin/twin/diagnosis/fleet/survey.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
 #include <tribotwin/twin/numerics/executor/ranks.hpp>
 
@@ -23,6 +24,7 @@ struct Arguments {
   ImportOptions import;
   SurveyOptions survey;
   unsigned threads = 0;
+  int retries = 1;
   bool json = false, quiet = false;
 };
 
@@ -40,6 +42,7 @@ Imported imported(Store* store, const Arguments& a) {
     sum.replaced += one.replaced;
     if (sum.weak == 0) sum.first_weak = one.first_weak;
     sum.weak += one.weak;
+    sum.failed.insert(sum.failed.end(), one.failed.begin(), one.failed.end());
   }
   if (a.quiet || a.data.empty()) return sum;
   note("{} curves: {} new, {} known already{}{}", sum.curves, sum.added, sum.known,
@@ -49,6 +52,39 @@ Imported imported(Store* store, const Arguments& a) {
     note("{} curves are left out, because features are not identifiable from their levels, the first: {}", sum.weak,
          sum.first_weak);
   return sum;
+}
+
+std::string name_of(const FailedPart& part, bool fit) {
+  return fmt::format("{}: {}", fit ? "fit" : "judgement", diagnosis::fleet::name_of(part.key));
+}
+
+Json json_of(const FailedPart& part, bool fit) {
+  return {{"work", fit ? "fit" : "judgement"},    {"robot", part.key.robot}, {"joint", part.key.joint},
+          {"date", date_of(part.key.time_s)},     {"input", part.input},     {"attempts", part.failure.attempts},
+          {"message", part.failure.error.message}};
+}
+
+/// Of fits and judgements.
+Json json_of_failed(const std::vector<FailedPart>& fits, const std::vector<FailedPart>& judgements) {
+  Json all = Json::array();
+  for (const auto& part : fits) all.push_back(json_of(part, true));
+  for (const auto& part : judgements) all.push_back(json_of(part, false));
+  return all;
+}
+
+/// The end of a command whose results are delivered: exit code 1 names what failed.
+Result<Exit> end(Exit code, const std::vector<FailedPart>& fits, const std::vector<FailedPart>& judgements) {
+  if (fits.empty() && judgements.empty()) return code;
+  std::vector<TaskFailure> all;
+  for (const auto* parts : {&fits, &judgements})
+    for (const auto& part : *parts) {
+      all.push_back(part.failure);
+      all.back().task = all.size() - 1;
+    }
+  const auto name = [&](std::size_t i) {
+    return i < fits.size() ? name_of(fits[i], true) : name_of(judgements[i - fits.size()], false);
+  };
+  return report_error(failed, text_of(all, name) + "; all else is done and kept, and the same command tries again");
 }
 
 /// On the first of several ranks; none on the others.
@@ -67,7 +103,8 @@ Result<Exit> learn(const Arguments& a) {
   Json j{{"files", Json::array({without_password(a.store)})},
          {"imported", json_of(data)},
          {"models", Json::array()},
-         {"notes", notes}};
+         {"notes", notes},
+         {"failed", json_of_failed(data.failed, {})}};
   TextTable table({TextTable::left("type"), TextTable::left("joint"), TextTable::right("robots"),
                    TextTable::right("curves"), TextTable::left("degC"), TextTable::right("between robots, Fc %"),
                    TextTable::right("day to day, Fc %"), TextTable::right("persistence per day")});
@@ -92,7 +129,8 @@ Result<Exit> learn(const Arguments& a) {
   }
   if (!a.quiet)
     for (const auto& text : notes) note("{}", text);
-  return deliver(a.json ? j.dump(2) + "\n" : table.text());
+  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table.text()); !ok) return ok;
+  return end(done, data.failed, {});
 }
 
 /// What is sure, of how many, at which rate.
@@ -111,6 +149,7 @@ std::string sentence_of(const Survey& s, const SurveyOptions& o, bool check) {
     text += fmt::format(" {} joints have no verdict: no healthy curves of their type were learned.", s.without_model);
   if (s.without_temperature)
     text += fmt::format(" {} joints have no verdict: curves without temperature_degC.", s.without_temperature);
+  if (!s.failed.empty()) text += fmt::format(" {} joints have no verdict: judging them failed.", s.failed.size());
   return text;
 }
 
@@ -171,18 +210,20 @@ Result<Exit> survey(const Arguments& a, bool check) {
          {"false_discovery_rate", a.survey.rate},
          {"judged", s.judged},
          {"listed", s.listed.size()},
-         {"without_verdict", s.without_model + s.without_temperature},
+         {"without_verdict", s.without_model + s.without_temperature + s.failed.size()},
          {"imported", json_of(data)},
+         {"failed", json_of_failed(data.failed, s.failed)},
          {"joints", Json::array()}};
   for (std::size_t i = 0; i < s.listed.size(); ++i) j["joints"].push_back(json_of(s.listed[i], i + 1));
   const std::string text = s.listed.empty() ? sentence + "\n" : sentence + "\n\n" + table_of(s, check).text();
   if (auto ok = deliver(a.json ? j.dump(2) + "\n" : text); !ok) return ok;
-  return s.listed.empty() ? done : limit_exceeded;
+  return end(s.listed.empty() ? done : limit_exceeded, data.failed, s.failed);
 }
 
 /// Before any work: what options say together.
 void prepare(Arguments& a) {
   a.import.threads = a.survey.threads = a.threads;
+  a.import.retries = a.survey.retries = a.retries;
   a.survey.load_sensitivity = a.import.load_sensitivity;
   a.import.read.columns = a.columns;
   for (const auto& data : a.data)
@@ -211,6 +252,8 @@ void add_common(CLI::App& c, Arguments& a) {
   c.add_option("--threads", a.threads,
                "Curves and joints computed at once (default: one per core; under mpirun, per rank: 1)")
       ->check(CLI::Range(1u, 1024u));
+  c.add_option("--retries", a.retries, "Further attempts of a curve or joint whose work failed (default: 1)")
+      ->check(CLI::Range(0, 100));
   c.add_flag("--json", a.json, "Print JSON instead of the table");
   c.add_flag("--quiet", a.quiet, "No notes on stderr");
 }

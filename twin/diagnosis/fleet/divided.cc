@@ -1,10 +1,9 @@
-#include <stdexcept>
-
-#include <fmt/format.h>
+#include <algorithm>
+#include <exception>
+#include <optional>
 
 #include <tribotwin/twin/diagnosis/fleet/divided.hpp>
 #include <tribotwin/twin/io/input.hpp>
-#include <tribotwin/twin/numerics/executor/executor.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
 namespace {
@@ -25,22 +24,106 @@ std::optional<double> get_optional(BytesIn& in) {
   return has ? std::optional(x) : std::nullopt;
 }
 
+constexpr std::size_t batch = 64;
+
+/// Rank 0: the chunks one after the other, as a list of tasks that grows when a chunk is over.
+class Chunks {
+ public:
+  explicit Chunks(const ChunkWork& work) : work_(work) { prepare(); }
+
+  std::size_t tasks() const { return first_ + groups_.size(); }
+
+  std::string input(std::size_t task) const {
+    BytesOut out;
+    for (const std::size_t item : groups_[task - first_]) work_.input(item, out);
+    return out.take();
+  }
+
+  void keep(std::size_t task, const std::string& result) {
+    BytesIn in(result);
+    for (const std::size_t item : groups_[task - first_]) results_[item] = in.text();
+    over();
+  }
+
+  void failed(const TaskFailure& failure) {
+    const std::vector<std::size_t> items = groups_[failure.task - first_];
+    if (items.size() > 1) {
+      for (const std::size_t item : items) groups_.push_back({item});
+    } else {
+      failures_.push_back(failure);
+      failures_.back().task = items.front();
+    }
+    over();
+  }
+
+  /// What has ended it before the last chunk.
+  void rethrow() const {
+    if (error_) std::rethrow_exception(error_);
+  }
+
+ private:
+  void prepare() {
+    first_ += groups_.size();
+    groups_.clear(), failures_.clear(), over_ = 0;
+    results_.assign(work_.prepare(), {});
+    for (std::size_t item = 0; item < results_.size(); ++item) {
+      if (item % batch == 0) groups_.emplace_back();
+      groups_.back().push_back(item);
+    }
+  }
+
+  void over() {
+    if (++over_ < groups_.size()) return;
+    try {
+      std::ranges::sort(failures_, {}, &TaskFailure::task);
+      work_.finish(results_, failures_);
+      prepare();
+    } catch (...) {  // no further task, and all ranks hear of it
+      error_ = std::current_exception();
+    }
+  }
+
+  const ChunkWork& work_;
+  std::size_t first_ = 0;                         ///< number of tasks of the chunks before
+  std::vector<std::vector<std::size_t>> groups_;  ///< items by task of the chunk
+  std::size_t over_ = 0;                          ///< of these tasks
+  std::vector<std::string> results_;
+  std::vector<TaskFailure> failures_;
+  std::exception_ptr error_;
+};
+
 }  // namespace
 
-void divide(const ChunkWork& w, unsigned threads) {
-  Ranks& all = ranks();
-  for (;;) {
-    const auto tasks = or_throw(all.from_root([&]() -> Result<std::string> { return std::to_string(w.prepare()); }));
-    const std::size_t count = std::stoull(tasks);
-    if (count == 0) return;
-    Tasks list{.count = count, .identity = "fleet " + tasks, .work = w.work};
-    if (all.several()) list.input = [&](std::size_t task) { return w.input(task); };
-    const Outcome outcome = or_throw(carry_out(list, {.threads = threads}));
-    if (!outcome.failures.empty())
-      throw std::runtime_error(
-          text_of(outcome.failures, [](std::size_t task) { return fmt::format("part {} of a chunk", task + 1); }));
-    if (all.root()) w.finish(outcome.results);
-  }
+void divide(const ChunkWork& w, unsigned threads, int retries) {
+  std::optional<Chunks> chunks;
+  or_throw(ranks().on_root([&]() -> Result<void> {
+    chunks.emplace(w);
+    return {};
+  }));
+  const auto work = [&](std::size_t, const std::string& input) -> Result<std::string> {
+    BytesOut out;
+    for (BytesIn in(input); !in.empty();) {
+      BytesOut one;
+      w.work(in, one);
+      out.put(std::string_view(one.take()));
+    }
+    return out.take();
+  };
+  const Tasks list{.identity = "fleet",
+                   .work = work,
+                   .own_processes = true,
+                   .keep = [&](std::size_t task, const std::string& result) -> Result<void> {
+                     chunks->keep(task, result);
+                     return {};
+                   },
+                   .failed = [&](const TaskFailure& failure) { chunks->failed(failure); },
+                   .input = [&](std::size_t task) { return chunks->input(task); },
+                   .grown = [&] { return chunks->tasks(); }};
+  or_throw(carry_out(list, {.threads = threads, .retries = retries}));
+  or_throw(ranks().on_root([&]() -> Result<void> {
+    chunks->rethrow();
+    return {};
+  }));
 }
 
 void put(BytesOut& out, const LevelCurve& c) {

@@ -6,21 +6,24 @@
 
 #include <tribotwin/twin/diagnosis/fleet/judge.hpp>
 #include <tribotwin/twin/diagnosis/fleet/level_curve.hpp>
-#include <tribotwin/twin/numerics/executor/bytes.hpp>
+#include <tribotwin/twin/numerics/executor/executor.hpp>
 
-/// Work on all curves or joints of a fleet on the threads and ranks of a job (numerics/executor), a chunk after the
+/// Work on all curves or joints of a fleet on the cores and ranks of a job (numerics/executor), a chunk after the
 /// other. Rank 0 alone has the store; the others get curves and rows from it and have none of the callbacks but `work`.
 namespace tribotwin::twin::diagnosis::fleet {
 
+/// An item is a curve or a joint.
 struct ChunkWork {
-  std::function<std::size_t()> prepare;                ///< the next chunk: how many tasks it is; 0 at the end
-  std::function<std::string(std::size_t task)> input;  ///< what other ranks need for the task
-  /// Any rank, several threads; `input` is empty on rank 0 where it is alone, which has the chunk itself.
-  std::function<std::string(std::size_t task, const std::string& input)> work;
-  std::function<void(const std::vector<std::string>& results)> finish;  ///< results in the order of the tasks
+  std::function<std::size_t()> prepare;  ///< the next chunk: how many items it has; 0 at the end
+  std::function<void(std::size_t item, BytesOut& out)> input;
+  std::function<void(BytesIn& input, BytesOut& out)> work;  ///< on any rank, in a process of its own
+  /// By item, empty where `failures` (`task`: the item, in rising order) says why.
+  std::function<void(const std::vector<std::string>& results, const std::vector<TaskFailure>& failures)> finish;
 };
-/// Collective. Throws InputError or std::runtime_error.
-void divide(const ChunkWork& work, unsigned threads);
+/// Collective. Items are done by the batch, in processes that are forked once for all chunks. Of a batch that failed (a
+/// crash, an exception) each item is done again in a task of its own, with `retries` further attempts of both: what
+/// fails then has failed for good, alone. Throws InputError or std::runtime_error.
+void divide(const ChunkWork& work, unsigned threads, int retries);
 
 void put(BytesOut& out, const LevelCurve& curve);
 LevelCurve get_curve(BytesIn& in);

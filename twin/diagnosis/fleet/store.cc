@@ -43,6 +43,10 @@ constexpr std::array claim_columns{"claim11", "claim21", "claim22", "claim31", "
 
 std::int64_t whole(std::size_t x) { return static_cast<std::int64_t>(x); }
 
+/// Beginnings of notes: "check failed: ".
+constexpr char failed[] = " failed: ";
+std::string failure_of_fit(std::int64_t curve) { return fmt::format("fit of curve {}{}", curve, failed); }
+
 }  // namespace
 
 class Store::Made {
@@ -73,6 +77,24 @@ class Store::Made {
     const std::int64_t id = s.row() ? s.integer(0) : 0;
     if (id) s.run();
     return id;
+  }
+  void note(std::int64_t joint, std::int64_t time_s, const std::string& text) {
+    statement(
+        "INSERT INTO notes(id, joint, time_s, text) VALUES((SELECT coalesce(max(id), 0) + 1 FROM notes), $1, $2, $3)")(
+        joint, time_s, text)
+        .run();
+  }
+  void forget_failure(std::int64_t joint, std::int64_t time_s, const std::string& prefix) {
+    statement("DELETE FROM notes WHERE joint = $1 AND time_s = $2 AND text LIKE $3")(joint, time_s, prefix + "%").run();
+  }
+  /// Whether the store was opened with notes of fits that failed.
+  bool fits_failed() {
+    if (!fits_failed_) {
+      auto& s = statement("SELECT count(*) FROM notes WHERE text LIKE 'fit of curve %'")();
+      fits_failed_ = s.row() && s.integer(0) > 0;
+      s.run();
+    }
+    return *fits_failed_;
   }
   std::int64_t file_id(const std::string& name) {
     auto& place = files_[name];
@@ -121,6 +143,7 @@ class Store::Made {
 
   const std::unique_ptr<Database> database_;
   std::unordered_map<std::string, std::int64_t> robots_, files_;
+  std::optional<bool> fits_failed_;
   std::map<std::pair<std::int64_t, std::string>, std::int64_t> joints_;
 };
 
@@ -158,6 +181,7 @@ Store::Put Store::put(const Entry& e, bool learned, bool replace) {
         ->statement("DELETE FROM observations WHERE joint = $1 AND time_s = $2 AND curve = $3")(joint, e.key.time_s,
                                                                                                 curve)
         .run();
+  if (made_->fits_failed()) made_->forget_failure(joint, e.key.time_s, failure_of_fit(curve));
   const Observation& o = e.observation;
   const std::string weak = joined(o.weak);
   const auto claim = claim_roots(o.shape);
@@ -173,13 +197,15 @@ Store::Put Store::put(const Entry& e, bool learned, bool replace) {
           root(6), root(7), root(8))
       .run();
   if (!weak.empty())
-    made_
-        ->statement(
-            "INSERT INTO notes(id, joint, time_s, text) VALUES((SELECT coalesce(max(id), 0) + 1 FROM notes), $1, $2, "
-            "$3)")(joint, e.key.time_s,
-                   fmt::format("{}:{}: not identifiable from its levels: {}", e.file, e.line, weak))
-        .run();
+    made_->note(joint, e.key.time_s, fmt::format("{}:{}: not identifiable from its levels: {}", e.file, e.line, weak));
   return what == Put::changed ? Put::replaced : what;
+}
+
+void Store::put_failure(const std::string& work, const Key& key, const std::string& text) {
+  const std::int64_t joint = made_->joint(key);
+  const std::string prefix = work == "fit" ? failure_of_fit(key.curve) : work + failed;
+  made_->forget_failure(joint, key.time_s, prefix);
+  made_->note(joint, key.time_s, prefix + text);
 }
 
 std::string Store::origin(const Key& key) {
@@ -251,6 +277,7 @@ std::vector<std::string> Store::model_texts() {
 void Store::put_verdicts(const std::string& kind, std::int64_t time_s, double rate, std::size_t judged,
                          const std::vector<StoredVerdict>& verdicts) {
   made_->statement("DELETE FROM verdicts WHERE kind = $1 AND time_s = $2")(kind, time_s).run();
+  made_->statement("DELETE FROM notes WHERE time_s = $1 AND text LIKE $2")(time_s, kind + failed + "%").run();
   made_
       ->statement(
           "INSERT INTO checks VALUES($1, $2, $3, $4) ON CONFLICT(kind, time_s) DO UPDATE SET rate = excluded.rate, "

@@ -81,6 +81,9 @@ class Store {
   /// The verdicts of one day; those of the same day and kind are replaced.
   void put_verdicts(const std::string& kind, std::int64_t time_s, double rate, std::size_t judged,
                     const std::vector<StoredVerdict>& verdicts);
+  /// A note that `work` on that curve (`fit`), or on that joint (`check`, `watch` of that day), has failed. It goes
+  /// with put() of that curve, and with put_verdicts() of that day.
+  void put_failure(const std::string& work, const Key& key, const std::string& text);
   void commit();
 
   /// For reports. Times: of the curves, both ends included.

@@ -13,13 +13,11 @@
 #include <tribotwin/twin/diagnosis/fleet/survey.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
-#include <tribotwin/twin/numerics/executor/executor.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
 namespace {
 
 constexpr std::size_t chunk = 4096;  ///< curves, or joints, in memory
-constexpr std::size_t batch = 64;    ///< of these, in a task
 constexpr std::int64_t always = std::numeric_limits<std::int64_t>::max();
 /// False discoveries relative to the rate, the most that a kind of synthetic plants had at 5 %, 2 sigma above its mean
 /// (README, measured).
@@ -34,21 +32,15 @@ class Import {
 
   Imported run() {
     divide({.prepare = [this] { return prepare(); },
-            .input =
-                [this](std::size_t task) {
-                  BytesOut out;
-                  for (std::size_t i = task * batch; i < end(task); ++i) put(out, curves_[to_fit_[i]]);
-                  return out.take();
-                },
-            .work = [this](std::size_t task, const std::string& input) { return fit(task, input); },
-            .finish = [this](const std::vector<std::string>& results) { finish(results); }},
-           options_.threads);
+            .input = [this](std::size_t i, BytesOut& out) { put(out, curves_[to_fit_[i]]); },
+            .work = [this](BytesIn& in,
+                           BytesOut& out) { put(out, observe_levels(get_curve(in), options_.load_sensitivity)); },
+            .finish = [this](const auto& results, const auto& failures) { finish(results, failures); }},
+           options_.threads, options_.retries);
     return out_;
   }
 
  private:
-  std::size_t end(std::size_t task) const { return std::min(to_fit_.size(), (task + 1) * batch); }
-
   /// Chunks until there is one with something new.
   std::size_t prepare() {
     do {
@@ -67,29 +59,30 @@ class Import {
       }
       if (to_fit_.empty()) keep();
     } while (to_fit_.empty());
-    return (to_fit_.size() + batch - 1) / batch;
+    return to_fit_.size();
   }
 
-  std::string fit(std::size_t task, const std::string& input) const {
-    BytesOut out;
-    if (input.empty()) {
-      for (std::size_t i = task * batch; i < end(task); ++i)
-        put(out, observe_levels(curves_[to_fit_[i]], options_.load_sensitivity));
-    } else {
-      for (BytesIn in(input); !in.empty();) put(out, observe_levels(get_curve(in), options_.load_sensitivity));
+  void finish(const std::vector<std::string>& results, const std::vector<TaskFailure>& failures) {
+    for (std::size_t i = 0; i < results.size(); ++i) {
+      if (results[i].empty()) continue;
+      BytesIn in(results[i]);
+      entries_[to_fit_[i]].observation = get_observation(in);
     }
-    return out.take();
+    std::set<std::size_t> without;
+    for (const auto& f : failures) {
+      const Entry& e = entries_[to_fit_[f.task]];
+      out_.failed.push_back({.key = e.key, .input = fmt::format("{}:{}", e.file, e.line), .failure = f});
+      store_->put_failure("fit", e.key, failure_text(out_.failed.back()));
+      without.insert(to_fit_[f.task]);
+    }
+    keep(without);
   }
 
-  void finish(const std::vector<std::string>& results) {
-    std::size_t i = 0;
-    for (const auto& result : results)
-      for (BytesIn in(result); !in.empty(); ++i) entries_[to_fit_[i]].observation = get_observation(in);
-    keep();
-  }
-
-  void keep() {
-    for (const auto& e : entries_) {
+  /// `without`: entries whose fits failed. A later import tries them again.
+  void keep(const std::set<std::size_t>& without = {}) {
+    for (std::size_t i = 0; i < entries_.size(); ++i) {
+      if (without.contains(i)) continue;
+      const Entry& e = entries_[i];
       const auto put = store_->put(e, options_.learned, options_.replace);
       if (put == Store::Put::changed)
         throw InputError(fmt::format(
@@ -120,8 +113,8 @@ using ModelKey = std::pair<std::string, std::string>;
 /// The joints with observations in the time, and the models by which they are judged. On all ranks.
 class EachJoint {
  public:
-  EachJoint(Store* store, std::int64_t from_s, std::int64_t to_s, unsigned threads, WeightsOf what)
-      : store_(store), from_s_(from_s), to_s_(to_s), threads_(threads) {
+  EachJoint(Store* store, std::int64_t from_s, std::int64_t to_s, const SurveyOptions& o, WeightsOf what)
+      : store_(store), from_s_(from_s), to_s_(to_s), options_(o) {
     const std::string texts = or_throw(ranks().from_root([&]() -> Result<std::string> {
       BytesOut out;
       for (const auto& text : store_->model_texts()) out.put(std::string_view(text));
@@ -165,52 +158,39 @@ class EachJoint {
            const std::function<void(const Task&, BytesIn&)>& done) {
     std::size_t next = 0;
     std::vector<Task> tasks;
-    const auto end = [&](std::size_t task) { return std::min(tasks.size(), (task + 1) * batch); };
-    const auto one = [&](const Task& t, BytesOut& out) {
-      BytesOut rest;
-      const Evidence evidence = work(t, rest);
-      put(out, evidence);
-      out.put(std::string_view(rest.take()));
-    };
     divide({.prepare =
                 [&] {
                   tasks.clear();
                   while (tasks.size() < chunk && next < joints_.size()) add(joints_[next++], tasks, survey);
-                  return (tasks.size() + batch - 1) / batch;
+                  return tasks.size();
                 },
             .input =
-                [&](std::size_t task) {
-                  BytesOut out;
-                  for (std::size_t i = task * batch; i < end(task); ++i) {
-                    out.put<std::uint64_t>(tasks[i].model);
-                    put(out, tasks[i].healthy), put(out, tasks[i].recent);
-                  }
-                  return out.take();
+                [&](std::size_t i, BytesOut& out) {
+                  out.put<std::uint64_t>(tasks[i].model);
+                  put(out, tasks[i].healthy), put(out, tasks[i].recent);
                 },
             .work =
-                [&](std::size_t task, const std::string& input) {
-                  BytesOut out;
-                  if (input.empty())
-                    for (std::size_t i = task * batch; i < end(task); ++i) one(tasks[i], out);
-                  for (BytesIn in(input); !in.empty();) {
-                    Task t{.model = in.get<std::uint64_t>()};
-                    t.healthy = get_rows(in), t.recent = get_rows(in);
-                    one(t, out);
-                  }
-                  return out.take();
+                [&](BytesIn& in, BytesOut& out) {
+                  Task t{.model = in.get<std::uint64_t>()};
+                  t.healthy = get_rows(in), t.recent = get_rows(in);
+                  BytesOut rest;
+                  const Evidence evidence = work(t, rest);
+                  put(out, evidence);
+                  out.put(std::string_view(rest.take()));
                 },
             .finish =
-                [&](const std::vector<std::string>& results) {
-                  std::size_t i = 0;
-                  for (const auto& result : results)
-                    for (BytesIn in(result); !in.empty(); ++i) {
-                      weights_[tasks[i].model].add(get_evidence(in));
-                      const std::string rest = in.text();
-                      BytesIn of_work(rest);
-                      done(tasks[i], of_work);
-                    }
+                [&](const std::vector<std::string>& results, const std::vector<TaskFailure>& failures) {
+                  for (std::size_t i = 0; i < results.size(); ++i) {
+                    if (results[i].empty()) continue;
+                    BytesIn in(results[i]);
+                    weights_[tasks[i].model].add(get_evidence(in));
+                    const std::string rest = in.text();
+                    BytesIn of_work(rest);
+                    done(tasks[i], of_work);
+                  }
+                  for (const auto& f : failures) failed(tasks[f.task], f, survey);
                 }},
-           threads_);
+           options_.threads, options_.retries);
   }
 
  private:
@@ -232,9 +212,17 @@ class EachJoint {
     tasks.push_back(std::move(t));
   }
 
+  static void failed(const Task& t, const TaskFailure& failure, Survey& survey) {
+    const JointName& j = *t.joint;
+    --survey.judged;
+    survey.failed.push_back({.key = {.type = j.type, .robot = j.robot, .joint = j.joint, .time_s = survey.time_s},
+                             .input = fmt::format("{} curves, {} healthy ones", t.recent.size(), t.healthy.size()),
+                             .failure = failure});
+  }
+
   Store* const store_;
   const std::int64_t from_s_, to_s_;
-  const unsigned threads_;
+  const SurveyOptions options_;
   std::deque<TypeModel> models_;
   std::deque<Judge> judges_;
   std::vector<PersistenceWeights> weights_;
@@ -271,6 +259,7 @@ void keep_verdicts(Store& store, const char* kind, const SurveyOptions& o, Surve
                     .confidence = l.finding.confidence,
                     .margin = l.finding.margin});
   store.put_verdicts(kind, survey.time_s, o.rate, survey.judged, kept);
+  for (const auto& f : survey.failed) store.put_failure(kind, f.key, failure_text(f));
 }
 
 /// What may be listed: p of at most the rate under some persistence. The others only count.
@@ -363,6 +352,11 @@ void list(std::vector<Candidate>& candidates, const std::vector<ByChoice>& weigh
 
 }  // namespace
 
+std::string failure_text(const FailedPart& f) {
+  return fmt::format("{}: {}{}", f.input, f.failure.error.message,
+                     f.failure.attempts > 1 ? fmt::format(" ({} attempts)", f.failure.attempts) : "");
+}
+
 Imported import_curves(Store* store, const std::filesystem::path& data, const ImportOptions& options) {
   return Import(store, data, options).run();
 }
@@ -394,7 +388,7 @@ std::vector<TypeModel> learn_fleet(Store& store, std::vector<std::string>& notes
 
 Survey check_fleet(Store* store, const SurveyOptions& o) {
   Survey survey{.time_s = end_of(store, o)};
-  EachJoint each(store, survey.time_s - seconds(o.days) + 1, survey.time_s, o.threads, WeightsOf::shifts);
+  EachJoint each(store, survey.time_s - seconds(o.days) + 1, survey.time_s, o, WeightsOf::shifts);
   std::vector<Candidate> candidates;
   each.run(
       survey,
@@ -423,7 +417,7 @@ std::string healthy_among(std::size_t listed, double rate) {
 
 Survey watch_fleet(Store* store, const SurveyOptions& o) {
   Survey survey{.time_s = end_of(store, o)};
-  EachJoint each(store, -always, survey.time_s, o.threads, WeightsOf::charts);
+  EachJoint each(store, -always, survey.time_s, o, WeightsOf::charts);
   const CusumTail tail;
   std::vector<Candidate> candidates;
   DailyLists daily;

@@ -8,6 +8,7 @@
 #include <tribotwin/twin/diagnosis/fleet/judge.hpp>
 #include <tribotwin/twin/diagnosis/fleet/reader.hpp>
 #include <tribotwin/twin/diagnosis/fleet/store.hpp>
+#include <tribotwin/twin/numerics/executor/manager.hpp>
 
 /// The work of `tribotwin fleet`: import, models of all types, verdicts on all joints. Memory holds a chunk of curves
 /// and some hundred bytes per joint. Functions throw as Store does; those with a pointer to the store are collective:
@@ -20,10 +21,21 @@ struct ImportOptions {
   unsigned threads = 0;           ///< 0: all cores
   bool learned = false;           ///< the curves are of healthy joints
   bool replace = false;           ///< a curve that has changed takes the place of the one in the store
+  int retries = 1;                ///< further attempts of a curve whose fit failed
 };
+/// A curve that could not be fitted, or a joint that could not be judged: a crash or an exception. Also a note of the
+/// store, until it succeeds.
+struct FailedPart {
+  Key key;            ///< of a joint with the day that was judged
+  std::string input;  ///< "FILE:LINE" of a curve, the number of curves of a joint
+  TaskFailure failure;
+};
+/// "INPUT: MESSAGE (2 attempts)"
+std::string failure_text(const FailedPart& failed);
 struct Imported {
   std::size_t curves = 0, added = 0, known = 0, promoted = 0, replaced = 0, weak = 0;
   std::string first_weak;  ///< "FILE:LINE: Fs, Vs"
+  std::vector<FailedPart> failed;
 };
 /// Adds all curves of `data`. InputError, with both places, where a curve differs from the one that is in the store.
 Imported import_curves(Store* store, const std::filesystem::path& data, const ImportOptions& options);
@@ -38,6 +50,7 @@ struct SurveyOptions {
   std::optional<std::int64_t> time_s;  ///< end of the window; default: the newest observation
   double load_sensitivity = 0.6;
   unsigned threads = 0;  ///< 0: all cores
+  int retries = 1;       ///< further attempts of a joint whose judgement failed
 };
 struct Listed {
   JointName joint;
@@ -52,6 +65,7 @@ struct Survey {
   std::int64_t time_s = 0;
   std::size_t judged = 0, without_model = 0, without_temperature = 0;
   std::vector<Listed> listed;  ///< by falling rank
+  std::vector<FailedPart> failed;
 };
 /// One test per joint over its observations of the last days; the listed ones by Benjamini and Hochberg.
 Survey check_fleet(Store* store, const SurveyOptions& options);

@@ -31,7 +31,7 @@ class BytesOut {
   template <PlainNumber T>
   BytesOut& put(std::span<const T> all) {
     put<std::uint64_t>(all.size());
-    for (const T x : all) put(x);
+    bytes_.append(reinterpret_cast<const char*>(all.data()), all.size_bytes());
     return *this;
   }
   std::string take() { return std::move(bytes_); }
@@ -57,7 +57,7 @@ class BytesIn {
     const auto count = get<std::uint64_t>();
     if (count > left_.size() / sizeof(T)) cut(left_.size() + 1);
     std::vector<T> all(count);
-    for (T& x : all) x = get<T>();
+    if (count > 0) std::memcpy(all.data(), cut(count * sizeof(T)).data(), count * sizeof(T));
     return all;
   }
   bool empty() const { return left_.empty(); }

@@ -1,6 +1,8 @@
 // libtribotwin_mpi.so: MPI behind the functions of mpi_functions.hpp. Loaded by mpi.cc when a launcher has started the
 // program on several ranks.
+#include <array>
 #include <chrono>
+#include <csignal>
 #include <cstring>
 #include <list>
 #include <string>
@@ -31,8 +33,13 @@ void forget_sent() {
 }
 
 int open(int* rank, int* size) {
+  // Open MPI answers a crash with a trace of addresses, behind which the last words of a task would be lost.
+  constexpr std::array crashes{SIGABRT, SIGBUS, SIGFPE, SIGSEGV};
+  std::array<struct sigaction, crashes.size()> before{};
+  for (std::size_t i = 0; i < crashes.size(); ++i) ::sigaction(crashes[i], nullptr, &before[i]);
   int provided = 0;
   if (const int error = MPI_Init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &provided)) return error;
+  for (std::size_t i = 0; i < crashes.size(); ++i) ::sigaction(crashes[i], &before[i], nullptr);
   MPI_Comm_rank(MPI_COMM_WORLD, rank);
   MPI_Comm_size(MPI_COMM_WORLD, size);
   return 0;
