@@ -200,7 +200,9 @@ std::string words_of(const Arguments& a, const DynamicsFile& file) {
       largest_growth(file));
 }
 
+/// In the time of the recording: at each time what was recorded then, and what is predicted of that.
 std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::MatrixXd& predicted) {
+  const AsRecorded measured_then = as_recorded(motion, motion.torque), predicted_then = as_recorded(motion, predicted);
   std::string s = "time_s";
   for (Index j = 0; j < predicted.rows(); ++j) {
     const char* unit = robot.regressor.is_slide(j) ? "n" : "nm";
@@ -208,9 +210,10 @@ std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::M
   }
   s += '\n';
   for (Index i = 0; i < motion.size(); ++i) {
+    if (!predicted_then.known[static_cast<std::size_t>(i)]) continue;
     s += fmt::format("{:.9g}", motion.time_s[static_cast<std::size_t>(i)]);
     for (Index j = 0; j < predicted.rows(); ++j) {
-      for (const double torque : {motion.torque(j, i), predicted(j, i)})
+      for (const double torque : {measured_then.torque(j, i), predicted_then.torque(j, i)})
         s += std::isnan(torque) ? "," : fmt::format(",{:.9g}", torque);
       s += fmt::format(",{:.7g}", motion.temperature_degC(j, i));
     }
@@ -272,8 +275,10 @@ std::vector<double> lag_of(const Arguments& a, const Robot& robot, const Dynamic
   if (a.lag == std::vector<std::string>{"none"}) return {};
   if (a.lag != std::vector<std::string>{"file"}) return given_lags(a.lag, robot.regressor);
   if (!a.quiet && !file.signals.lag_s.empty())
-    note("torques are compared without the lag of the recordings that {} is from; --lag none compares as recorded",
-         a.parameters);
+    note(
+        "torques are compared without the lag of the recordings that {} is from, and written with it; --lag none "
+        "compares as recorded with a prediction that has none",
+        a.parameters);
   return file.signals.lag_s;
 }
 
@@ -407,13 +412,13 @@ void add_predict(CLI::App& app, int& code) {
   a->tables.add_gear_ratio_to(*c);
   add_preparation(*c, a->preparation);
   c->add_option("--lag", a->lag,
-                "How late torques were recorded behind positions, which is removed: file (as for the fit), none, or "
-                "seconds, one for all joints or one each as A,B")
+                "How late torques were recorded behind positions: errors are counted without it, tables have it: file "
+                "(as for the fit), none, or seconds, one for all joints or one each as A,B")
       ->delimiter(',')
       ->capture_default_str();
   a->output.add_to(*c,
-                   "CSV to write: time_s, torque_JOINT_nm (filtered as for the fit), predicted_JOINT_nm, "
-                   "temperature_JOINT_degC (recorded, estimated, or 20)");
+                   "CSV to write: time_s, torque_JOINT_nm (as recorded at that time, filtered as for the fit), "
+                   "predicted_JOINT_nm (as late), temperature_JOINT_degC (recorded, estimated, or 20)");
   auto* wrench = c->add_option("--wrench", a->wrench,
                                "CSV to write: external force and torque at the tool, world axes; empty where "
                                "joints rest or the arm is singular");

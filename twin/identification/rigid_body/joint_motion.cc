@@ -498,4 +498,28 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
   return out;
 }
 
+AsRecorded as_recorded(const JointMotion& motion, const MatrixXd& torque) {
+  AsRecorded out{.torque = torque, .known = std::vector(static_cast<std::size_t>(torque.cols()), true)};
+  for (const auto& [first, last] : motion.segments) {
+    const Index count = last - first;
+    if (count < 2) continue;
+    const double period_s =
+        (motion.time_s[static_cast<std::size_t>(last - 1)] - motion.time_s[static_cast<std::size_t>(first)]) /
+        static_cast<double>(count - 1);
+    for (Index j = 0; j < torque.rows(); ++j) {
+      const double late = motion.lag_s.empty() ? 0 : motion.lag_s[static_cast<std::size_t>(j)] / period_s;
+      if (late == 0) continue;
+      std::vector<double> row(static_cast<std::size_t>(count));
+      for (Index i = 0; i < count; ++i) row[static_cast<std::size_t>(i)] = torque(j, first + i);
+      row = advanced(row, -late);
+      for (Index i = 0; i < count; ++i) {
+        out.torque(j, first + i) = row[static_cast<std::size_t>(i)];
+        const double from = static_cast<double>(i) - late;
+        if (from < 0 || from > static_cast<double>(count - 1)) out.known[static_cast<std::size_t>(first + i)] = false;
+      }
+    }
+  }
+  return out;
+}
+
 }  // namespace tribotwin::twin::identification

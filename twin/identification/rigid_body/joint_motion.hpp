@@ -95,4 +95,11 @@ struct JointMotion {
 Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& regressor,
                             const Preparation& preparation = {});
 
+/// Torques, joints x samples of `motion`, as a recording with the lags of `motion` has them at these times.
+struct AsRecorded {
+  Eigen::MatrixXd torque;
+  std::vector<bool> known;  ///< per sample; false where a stretch does not reach back, or on, by the lags
+};
+AsRecorded as_recorded(const JointMotion& motion, const Eigen::MatrixXd& torque);
+
 }  // namespace tribotwin::twin::identification

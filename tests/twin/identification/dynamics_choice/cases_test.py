@@ -74,9 +74,10 @@ class Case:
         table, t = np.genfromtxt(path("predicted.csv"), delimiter=",", names=True), self.test["time_s"]
         unit = "n" if self.slides else "nm"
         names = [f"predicted_j{j + 1}_{unit}" for j in range(len(self.test["torque"]))]
-        # What was predicted is without the lags that were found; the recorded torque has them.
-        lags = [one["value"] for one in found.get("lag", {}).values()] or [lag_s] * len(names)
-        return np.array([np.interp(t - lag, table["time_s"], table[name]) for name, lag in zip(names, lags)])
+        # Predictions have the lags that were found, as the recorded torque has; the lag that was taken out before the
+        # fit is not among them.
+        late = 0 if "lag" in found else lag_s
+        return np.array([np.interp(t - late, table["time_s"], table[name]) for name in names])
 
     def error(self, options, prepared="", lag_s=0):
         """rms over joints of error over torque, in one band for every setting, where the joint moves."""

@@ -1,6 +1,8 @@
 // An axis of known inertia and friction, filtered: turns, rests and ends of its record leave no error in the
 // parameters.
+#include <algorithm>
 #include <cmath>
+#include <functional>
 #include <random>
 
 #include <fmt/format.h>
@@ -202,6 +204,40 @@ TEST(RobotTorque, AtRestOffsetAndTorqueByPositionStay) {
   const double rest_nm = 0.7 + 3 * std::cos(0.4) - 2 * std::sin(0.4);
   EXPECT_NEAR(torque(0, 0), rest_nm, 1e-12);
   EXPECT_NEAR(torque(0, 1), rest_nm, 1e-6);  // as beside it, where the filtered direction is 0
+}
+
+// A user compares predictions with what was recorded at the same times.
+TEST(JointMotion, TorquesGoBackToTheTimesOfTheirRecording) {
+  const Axis axis;
+  const Preparation on_time{.cutoff_hz = 20, .decimation = 1};
+  for (const double lag_s : {0.0133, -0.0071}) {
+    Preparation without_lag = on_time;
+    without_lag.lag_s = {lag_s};
+    const auto recording = axis.recording(Sines(1, 4), {}, 5);
+    const JointMotion recorded = *prepare({&recording, 1}, axis.regressor(), on_time),
+                      advanced = *prepare({&recording, 1}, axis.regressor(), without_lag);
+    const AsRecorded back = as_recorded(advanced, advanced.torque);
+    ASSERT_EQ(recorded.time_s, advanced.time_s);
+    const auto known = std::ranges::count(back.known, true);
+    EXPECT_NEAR(static_cast<double>(known), static_cast<double>(advanced.size()) - 500 * std::abs(lag_s), 1);
+    EXPECT_EQ(back.known.front(), lag_s < 0);
+    EXPECT_EQ(back.known.back(), lag_s > 0);
+    for (Index i = 2; i + 2 < advanced.size(); ++i) {
+      if (!back.known[static_cast<std::size_t>(i)] || !back.known[static_cast<std::size_t>(lag_s > 0 ? i - 2 : i + 2)])
+        continue;
+      EXPECT_NEAR(back.torque(0, i), recorded.torque(0, i), 0.01 * coulomb_n) << lag_s << ' ' << i;
+    }
+    EXPECT_GT((advanced.torque - recorded.torque).cwiseAbs().maxCoeff(), 0.1 * coulomb_n);
+  }
+}
+
+TEST(JointMotion, TorquesWithoutLagStayAsTheyAre) {
+  const Axis axis;
+  const auto recording = axis.recording(Sines(1, 4), {}, 5);
+  const JointMotion motion = *prepare({&recording, 1}, axis.regressor(), {});
+  const AsRecorded same = as_recorded(motion, motion.torque);
+  EXPECT_EQ(same.torque, motion.torque);
+  EXPECT_TRUE(std::ranges::all_of(same.known, std::identity{}));
 }
 
 }  // namespace
