@@ -6,7 +6,7 @@
 #include <tribotwin/plugins/drive/drive.hpp>
 #include <tribotwin/plugins/friction/error.hpp>
 
-/// Friction in the model m4 of BAM (Rhoban 2024, "Better Actuator Models"): with s = exp(-|v / dtheta_stribeck|^alpha)
+/// Friction in the model m4 of BAM (Duclusaud 2024): with s = exp(-|v / dtheta_stribeck|^alpha)
 /// at joint speed v and gear torque l [Nm], base + load_base |l| + s (stribeck + load_stribeck |l|) + viscous |v| [Nm].
 namespace tribotwin::twin {
 
