@@ -6,6 +6,7 @@
 
 #include <tribotwin/twin/experiments/part_store.hpp>
 #include <tribotwin/twin/experiments/unfinished_runs.hpp>
+#include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -16,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char reports[] = "reports";
+constexpr char reports[] = "reports", announced[] = "announced";
 constexpr std::array files_of_a_run{"telemetry.h5", "summary.json", "scenario.yaml"};
 
 /// Adds the content of each file that a value names. Models have a fingerprint of their own.
@@ -29,6 +30,9 @@ void add_files(Fingerprint& all, const YAML::Node& node) {
   std::ifstream file(node.Scalar(), std::ios::binary);
   all.add(std::string(std::istreambuf_iterator<char>(file), {}));
 }
+
+/// First line of what is announced.
+std::string sum_of(const std::string& summary) { return fmt::format("{:08x}\n", crc32(summary)); }
 
 Result<void> require_free(const fs::path& directory, const std::vector<std::string>& runs) {
   std::error_code error;
@@ -83,11 +87,31 @@ Result<UnfinishedRuns> UnfinishedRuns::open(const fs::path& directory, const std
   return opened;
 }
 
-std::optional<std::string> UnfinishedRuns::find(const std::string& run) const {
+Result<void> UnfinishedRuns::announce(const fs::path& directory, const std::string& run, const std::string& summary,
+                                      const std::string& report) {
+  const fs::path folder = directory / ".unfinished" / announced;
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) return work_failed(fmt::format("{}: cannot be created ({})", folder.string(), error.message()));
+  const auto written = write_file(folder / run, sum_of(summary) + report, Existing::replace);
+  return written ? Result<void>() : work_failed(written.error().message);
+}
+
+std::optional<std::string> UnfinishedRuns::find(const std::string& run) {
   std::error_code error;
   const bool whole = std::ranges::all_of(
       files_of_a_run, [&](const char* name) { return fs::is_regular_file(directory_ / run / name, error); });
-  return whole ? store_->find(run) : std::nullopt;
+  if (!whole) return std::nullopt;
+  if (auto report = store_->find(run)) return report;
+  const auto text = read_text(folder_ / announced / run, "a file");
+  const auto summary = read_text(directory_ / run / "summary.json", "a file");
+  if (!text || !summary) return std::nullopt;
+  const std::string sum = sum_of(*summary);
+  if (!text->starts_with(sum)) return std::nullopt;  // of an earlier attempt, or changed since
+  clear(directory_ / run);
+  std::string report = text->substr(sum.size());
+  if (!store_->keep(run, report)) return std::nullopt;
+  return report;
 }
 
 void UnfinishedRuns::clear(const fs::path& folder) {

@@ -32,10 +32,14 @@ class UnfinishedRuns {
                                      const std::string& identity, bool replace);
   /// Whether folders of runs without a report are leftovers of that command, and may be replaced.
   bool resumed() const { return resumed_; }
-  /// The report of a run whose record, summary and scenario are still there.
-  std::optional<std::string> find(const std::string& run) const;
+  /// The report of a run whose record, summary and scenario are still there. A run that was whole when its command was
+  /// killed, but not yet counted (keep), is counted.
+  std::optional<std::string> find(const std::string& run);
   /// Before another attempt at a run in its folder: removes the unfinished files of one that was killed.
   static void clear(const std::filesystem::path& folder);
+  /// On any rank, before the summary (its text) of a complete run is written: once that is there, the run is whole.
+  static Result<void> announce(const std::filesystem::path& directory, const std::string& run,
+                               const std::string& summary, const std::string& report);
   /// Call it when its run is complete.
   Result<void> keep(const std::string& run, const std::string& report);
   /// Call it when no further report comes.

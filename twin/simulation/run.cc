@@ -303,6 +303,8 @@ Result<Summary> run(const Scenario& scenario, const RunOptions& options) {
   if (auto ok = runner.open(); !ok) return tl::unexpected(ok.error());
   if (auto ok = runner.run(); !ok) return tl::unexpected(ok.error());
   const Summary summary = runner.summary();
+  if (options.complete && !summary.interrupted)
+    if (auto ok = options.complete(summary); !ok) return tl::unexpected(ok.error());
   if (auto ok = runner.finish(summary); !ok) return tl::unexpected(ok.error());
   return summary;
 }

@@ -34,6 +34,8 @@ struct RunOptions {
   std::function<void(double time_s, std::span<const CycleSample>)> cycle;
   /// Asked before each step: true makes it wait, and is asked again. Time that it waited does not count.
   std::function<bool(RunningTwin&)> held;
+  /// A complete run, before its summary.json is written. An error ends it without a summary.
+  std::function<Result<void>(const Summary&)> complete;
   std::function<std::time_t()> now;  ///< the clock of the summary's date; without it there is no date
 };
 

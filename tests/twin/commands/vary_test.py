@@ -144,6 +144,28 @@ check("with the values of an undisturbed run", values("failed") == truth)
 check("and made no other again", all(complete("failed")[k] == when for k, when in there.items()))
 check("nothing failed now", not os.path.exists(path("failed/failures.csv")))
 
+# Killed between the end of a run and its being counted: it is whole, and counted by the next call.
+for name, changed in (("uncounted", False), ("uncounted_changed", True)):
+    p = subprocess.Popen([program, "run", "vary.yaml", "--threads", "1", "-o", name, "--quiet"], cwd=work, stderr=-3)
+    while p.poll() is None and len(complete(name)) < 2:
+        time.sleep(0.002)
+    p.kill()
+    p.wait()
+    made = complete(name)
+    lines = content(name + "/.unfinished/checksums").splitlines(True)
+    write(name + "/.unfinished/checksums", "".join(line for line in lines if not line.endswith(" 20\n")))
+    os.remove(path(name, ".unfinished", "reports", "20"))
+    if changed:
+        write(name + "/20/summary.json", content(name + "/20/summary.json") + " ")
+    r = run("-o", name)
+    check(f"{name}: goes on", r.returncode == 0, r.stderr)
+    stayed = complete(name)["20"] == made["20"]
+    check(f"{name}: {'made again' if changed else 'not made again'}", stayed != changed, made)
+    if not changed:
+        check(f"{name}: it counts", f"{len(made)} of 5 runs are those" in r.stderr, r.stderr)
+        check(f"{name}: nothing is set aside", os.listdir(path(name, "20")) == os.listdir(path("whole/20")))
+    check(f"{name}: the values of an undisturbed run", values(name) == truth)
+
 # A folder of somebody else's is never taken for a leftover, the second time neither.
 os.makedirs(path("foreign"))
 shutil.copytree(path("whole/40"), path("foreign/40"))
