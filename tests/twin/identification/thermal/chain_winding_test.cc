@@ -134,8 +134,9 @@ TEST(ChainWinding, OfTheUr3IsChosenOnTheFirstSessionAlone) {
   print("second session, chain", without_K);
   print("second session, chain with the winding chosen", with_K);
   std::printf("     residual of the first session %.4f, with the winding %.4f K\n", plain->rms_K, with->rms_K);
-  // Its first session shows no heat that windings store, only copper that resists more; nearly nothing changes.
-  EXPECT_EQ(best->winding, (ChainWinding{0, 0.00393}));
+  // Its first session shows no heat that windings store (15 s: 0.099 against 0.092 K) and says nothing of the copper
+  // (0.0921 and 0.0920 K); nearly nothing changes.
+  EXPECT_EQ(best->winding.winding_s, 0);
   for (std::size_t j = 0; j < 6; ++j) EXPECT_NEAR(with_K[j], without_K[j], 0.01) << j;
   EXPECT_LT(std::ranges::max(with_K), 0.55);
 }
