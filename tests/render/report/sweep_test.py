@@ -1,16 +1,14 @@
 """tribotwin-report sweep and fleet: the pages in a real browser, their numbers against those of tribotwin sweep and
-fleet, unfinished and failing sweeps, stores without a verdict, wrong input. Arguments: tribotwin, tribotwin-report,
-source tree."""
+fleet, unfinished and failing sweeps, stores without a verdict, wrong input. Arguments: tribotwin, tribotwin-report."""
 import csv, glob, json, os, re, shlex, shutil, sqlite3, sys
 
 from browser import Browser
 import harness
+from fleet_plant import HEADER, Plant
 from harness import check, check_refused, content, finish, path, work
 from pendulum import PENDULUM
 
-twin, report, source = sys.argv[1:4]
-sys.path.insert(0, os.path.join(source, "tests", "twin", "commands"))
-from fleet_plant import HEADER, Plant
+twin, report = sys.argv[1:3]
 
 check_page = Browser(work, check).check_page
 

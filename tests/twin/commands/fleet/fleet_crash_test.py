@@ -1,5 +1,5 @@
-"""tribotwin fleet where fitting one curve, or judging one joint, crashes: it fails alone, is named and recorded, all else
-is done, and the same command tries again; the same on threads and on MPI ranks. Arguments: tribotwin,
+"""tribotwin fleet where fitting one curve, or judging one joint, crashes: it fails alone, is named and recorded, all
+else is done, and the same command tries again; the same on threads and on MPI ranks. Arguments: tribotwin,
 libcrash_in_task.so[, mpirun]."""
 import json, os, shutil, sqlite3, sys
 
