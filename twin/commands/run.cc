@@ -288,19 +288,19 @@ Result<Outcome> run_all(const Arguments& a, const std::vector<Variation>& all, c
                     .identity = identity,
                     .work = [&](std::size_t i, const std::string& attempt) -> Result<std::string> {
                       if (attempt == again || !resumed->empty()) UnfinishedRuns::clear(output / all[i].folder);
-                      const auto summary = twin::run(
-                          scenarios[i], {.directory = output / all[i].folder,
-                                         .existing = replace_if(leftovers || attempt == again),
-                                         .realtime = a.realtime,
-                                         .stop = &interrupted(),
-                                         .progress = [&](double share, double) { progress.set(i, share); },
-                                         .complete =
-                                             [&](const Summary& whole) {
-                                               return UnfinishedRuns::announce(
-                                                   output, all[i].folder, summary_json(whole),
-                                                   report_of({all[i].folder, all[i].settings, whole}).dump());
-                                             },
-                                         .now = wall_clock});
+                      const auto summary =
+                          twin::run(scenarios[i], {.directory = output / all[i].folder,
+                                                   .existing = replace_if(leftovers || attempt == again),
+                                                   .realtime = a.realtime,
+                                                   .stop = &interrupted(),
+                                                   .progress = [&](double share, double) { progress.set(i, share); },
+                                                   .complete =
+                                                       [&](const Summary& whole) {
+                                                         return UnfinishedRuns::announce(
+                                                             output, all[i].folder, summary_json(whole),
+                                                             report_of({all[i].folder, all[i].settings, whole}).dump());
+                                                       },
+                                                   .now = wall_clock});
                       if (!summary) return tl::unexpected(summary.error());
                       if (summary->interrupted) return work_failed("interrupted");
                       return report_of({all[i].folder, all[i].settings, *summary}).dump();
