@@ -73,9 +73,8 @@ void choose_colour(int argc, const char* const* argv) {
 
 bool coloured(Stream stream) { return colour_of_stream[stream == Stream::messages]; }
 
-void report_text(std::string_view given) {
+void report_text(std::string_view text) {
   if (held_back) return;
-  const std::string text = without_controls(std::string(given));
   erase_progress();
   for (const auto& [word, colour] :
        {std::pair<std::string_view, std::string_view>{"note:", cyan}, {"warning:", yellow}})
