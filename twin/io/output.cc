@@ -7,6 +7,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
 #include <tribotwin/twin/io/output.hpp>
 
