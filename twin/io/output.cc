@@ -88,12 +88,8 @@ void report_text(std::string_view text) {
 
 int report_error(std::string_view program, Exit code, std::string_view given) {
   const std::string text = without_controls(std::string(given));
-  if (held_back) {
-    last_error = text;
-    return code;
-  }
-  erase_progress();
-  (void)write_all(STDERR_FILENO, message(fmt::format("{}: {}\n", program, text), program.size() + 1, red));
+  if (held_back) last_error = text;
+  report_text(message(fmt::format("{}: {}\n", program, text), program.size() + 1, red));
   return code;
 }
 

@@ -34,7 +34,7 @@ double normal_below(double x) { return cdf(normal(), x); }
 double chi_squared_above(double freedom, double x) { return cdf(complement(chi_squared(freedom), x)); }
 
 double fisher_f_above(double freedom, double freedom_below, double x) {
-  // In doubles, to 13 digits: a fleet asks for several per curve, and in long double each takes thrice the time.
+  // In doubles, to 13 digits: a fleet asks for several per curve, and in long double each takes seven times as long.
   using InDouble = boost::math::policies::policy<boost::math::policies::promote_double<false>>;
   return cdf(complement(boost::math::fisher_f_distribution<double, InDouble>(freedom, freedom_below), x));
 }
