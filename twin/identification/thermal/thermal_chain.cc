@@ -127,10 +127,7 @@ struct Modes {
       const auto at = static_cast<std::size_t>(k);
       const VectorXd loss =
           rate_1_s.unaryExpr([&](double rate) { return -std::expm1(-rate * (time_s[at] - time_s[at - 1])); });
-      if constexpr (std::is_invocable_v<Drive, Index, const VectorXd&>)
-        x += loss.cwiseProduct(drive(k, x).cwiseQuotient(rate_1_s) - x);
-      else
-        x += loss.cwiseProduct(drive(k).cwiseQuotient(rate_1_s) - x);
+      x += loss.cwiseProduct(drive(k, x).cwiseQuotient(rate_1_s) - x);
       out.col(k) = x;
     }
     return out;
@@ -171,14 +168,14 @@ class ChainProblem {
       for (Index j = 0; j < n_; ++j) {
         const VectorXd of_joint = modes.shape.row(j).transpose();
         put(j, modes.amplitudes(session.time_s, none,
-                                [&](Index k) { return VectorXd(of_joint * session.power_w(j, k)); }));
-        put(n_ + j, modes.amplitudes(session.time_s, none, [&](Index) { return VectorXd(of_joint / t_s(j)); }));
+                                [&](Index k, auto&) { return VectorXd(of_joint * session.power_w(j, k)); }));
+        put(n_ + j, modes.amplitudes(session.time_s, none, [&](auto...) { return VectorXd(of_joint / t_s(j)); }));
         put((2 + static_cast<Index>(s)) * n_ + j,
-            modes.amplitudes(session.time_s, of_joint, [&](Index) { return none; }));
+            modes.amplitudes(session.time_s, of_joint, [&](auto...) { return none; }));
         if (winding_s_ > 0)
           put((2 + static_cast<Index>(sessions_.size() + s)) * n_ + j,
               modes.amplitudes(session.time_s, none,
-                               [&](Index k) { return VectorXd(of_joint * left_of_flow(session.time_s, k)); }));
+                               [&](Index k, auto&) { return VectorXd(of_joint * left_of_flow(session.time_s, k)); }));
       }
       row += rows;
     }
