@@ -43,9 +43,9 @@ constexpr std::array claim_columns{"claim11", "claim21", "claim22", "claim31", "
 
 std::int64_t whole(std::size_t x) { return static_cast<std::int64_t>(x); }
 
-/// Beginnings of notes: "check failed: ".
-constexpr char failed[] = " failed: ";
-std::string failure_of_fit(std::int64_t curve) { return fmt::format("fit of curve {}{}", curve, failed); }
+/// Beginnings of notes: "check failed: ", "fit of curve 3 failed: ".
+constexpr char failed[] = " failed: ", fit_of_curve[] = "fit of curve ";
+std::string failure_of_fit(std::int64_t curve) { return fmt::format("{}{}{}", fit_of_curve, curve, failed); }
 
 }  // namespace
 
@@ -90,7 +90,7 @@ class Store::Made {
   /// Whether the store was opened with notes of fits that failed.
   bool fits_failed() {
     if (!fits_failed_) {
-      auto& s = statement("SELECT count(*) FROM notes WHERE text LIKE 'fit of curve %'")();
+      auto& s = statement("SELECT count(*) FROM notes WHERE text LIKE $1")(std::string(fit_of_curve) + "%");
       fits_failed_ = s.row() && s.integer(0) > 0;
       s.run();
     }
