@@ -106,6 +106,10 @@ friction::Level level(const Drive& drive, const friction::AtTemperature& at, dou
   return level;
 }
 
+double friction_nm(const Drive& drive, const friction::AtTemperature& at, double qd_rad_s, double load_norm) {
+  return level(drive, at, qd_rad_s * drive.speed_scale(), load_norm).total() * drive.torque_scale_nm();
+}
+
 double temperature_degC(const Drive& drive, const State& state) {
   return drive.thermal.T_amb_degC + state.rise.total_K();
 }

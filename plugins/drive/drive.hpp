@@ -204,6 +204,9 @@ inline double direction_factor(const Drive& drive, double w) {
 /// The load has the sign of tau_m.
 friction::Level level(const Drive& drive, const friction::AtTemperature& at, double w_rad_s, double load_norm);
 
+/// The same at a joint speed [rad/s], as a torque of the arm side [Nm].
+double friction_nm(const Drive& drive, const friction::AtTemperature& at, double qd_rad_s, double load_norm);
+
 /// Lubricant temperature [degC].
 double temperature_degC(const Drive& drive, const State& state);
 

@@ -120,8 +120,7 @@ tl::unexpected<Error> refused(const drive::Drive& drive, std::string_view where,
 }  // namespace
 
 double friction_nm(const drive::Drive& drive, double qd_rad_s, double load_norm, double temperature_degC) {
-  const auto at = friction::at_temperature(drive.law, temperature_degC);
-  return drive::level(drive, at, qd_rad_s * drive.speed_scale(), load_norm).total() * drive.torque_scale_nm();
+  return drive::friction_nm(drive, friction::at_temperature(drive.law, temperature_degC), qd_rad_s, load_norm);
 }
 
 double resistance_nm(const drive::Drive& drive, double qd_rad_s, double load_norm, double temperature_degC) {

@@ -65,9 +65,8 @@ Compensator::Compensator(JointModel model, const CompensatorOptions& options)
 double Compensator::gear_torque_nm() const { return observer_.residual_nm() * model_.ratio; }
 
 double Compensator::static_friction_nm(double speed) const {
-  const double level = drive::level(model_.drive, reference_, speed * model_.drive.speed_scale(), 0).total() *
-                       model_.drive.torque_scale_nm();
-  return (speed == 0 ? 0 : std::copysign(level, speed)) + model_.drive.offset_nm;
+  const double friction_nm = drive::friction_nm(model_.drive, reference_, speed, 0);
+  return (speed == 0 ? 0 : std::copysign(friction_nm, speed)) + model_.drive.offset_nm;
 }
 
 void Compensator::observe_friction(const Input& in, double time_s, double dt_s) {

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <vector>
 
@@ -8,6 +9,7 @@
 
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/portable/bam.hpp>
+#include <tribotwin/twin/portable/drive_range.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -45,23 +47,30 @@ struct Samples {
   Eigen::VectorXd friction;
 };
 
-Samples sampled(const drive::Drive& d, const BamFriction& where) {
+/// Calls f(speed, load, friction) on a grid where the drive is compared, `friction` [Nm] being those of both directions
+/// with both signs of the load, forward ones last.
+template <class F>
+void over_grid(const drive::Drive& d, const BamFriction& where, const F& f) {
   const auto at = friction::at_temperature(d.law, where.temperature_degC);
-  const double u = d.speed_scale(), scale = d.torque_scale_nm();
+  const int loads = where.load_max_nm > 0 ? load_count : 1;
+  for (int i = 1; i <= speed_count; ++i)
+    for (int k = 0; k < loads; ++k) {
+      const double share = static_cast<double>(i) / speed_count,
+                   speed = where.speed_max_rad_s * share * share,  // denser where the Stribeck effect is
+          load = where.load_max_nm * k / (load_count - 1), norm = load / d.torque_max_nm;
+      f(speed, load,
+        std::array{drive::friction_nm(d, at, -speed, -norm), drive::friction_nm(d, at, -speed, norm),
+                   drive::friction_nm(d, at, speed, -norm), drive::friction_nm(d, at, speed, norm)});
+    }
+}
+
+Samples sampled(const drive::Drive& d, const BamFriction& where) {
   Samples all;
   std::vector<double> values;
-  for (int i = 1; i <= speed_count; ++i)
-    for (int k = 0; k < (where.load_max_nm > 0 ? load_count : 1); ++k) {
-      const double share = static_cast<double>(i) / speed_count;
-      all.speed.push_back(where.speed_max_rad_s * share * share);  // denser where the Stribeck effect is
-      all.load.push_back(where.load_max_nm * k / (load_count - 1));
-      double sum = 0;
-      for (const int direction : {-1, 1})
-        for (const int side : {-1, 1})
-          sum +=
-              drive::level(d, at, direction * all.speed.back() * u, side * all.load.back() / d.torque_max_nm).total();
-      values.push_back(sum * scale / 4);
-    }
+  over_grid(d, where, [&](double speed, double load, const std::array<double, 4>& friction) {
+    all.speed.push_back(speed), all.load.push_back(load);
+    values.push_back((friction[0] + friction[1] + friction[2] + friction[3]) / 4);
+  });
   all.friction = Eigen::Map<Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
   return all;
 }
@@ -121,26 +130,17 @@ BamFriction fitted(const Samples& s, BamFriction where) {
 
 /// Directions and the drive's offset are errors.
 void compare(const drive::Drive& d, BamFriction& b) {
-  const auto at = friction::at_temperature(d.law, b.temperature_degC);
   double squares = 0;
   int count = 0;
   b.friction_min_nm = HUGE_VAL;
-  for (int i = 1; i <= speed_count; ++i)
-    for (int k = 0; k < load_count; ++k)
-      for (const int direction : {-1, 1})
-        for (const int side : {-1, 1}) {
-          const double share = static_cast<double>(i) / speed_count, speed = b.speed_max_rad_s * share * share,
-                       load = b.load_max_nm * k / (load_count - 1);
-          const double truth =
-              drive::level(d, at, direction * speed * d.speed_scale(), side * load / d.torque_max_nm).total() *
-                  d.torque_scale_nm() +
-              direction * d.offset_nm;
-          const double error = b(speed, load) - truth;
-          squares += error * error, ++count;
-          b.max_error_nm = std::max(b.max_error_nm, std::abs(error));
-          b.friction_min_nm = std::min(b.friction_min_nm, truth),
-          b.friction_max_nm = std::max(b.friction_max_nm, truth);
-        }
+  over_grid(d, b, [&](double speed, double load, const std::array<double, 4>& friction) {
+    for (std::size_t i = 0; i < friction.size(); ++i) {
+      const double truth = friction[i] + (i < 2 ? -d.offset_nm : d.offset_nm), error = b(speed, load) - truth;
+      squares += error * error, ++count;
+      b.max_error_nm = std::max(b.max_error_nm, std::abs(error));
+      b.friction_min_nm = std::min(b.friction_min_nm, truth), b.friction_max_nm = std::max(b.friction_max_nm, truth);
+    }
+  });
   b.rms_error_nm = std::sqrt(squares / count);
 }
 
@@ -170,20 +170,13 @@ Result<BamFriction> bam_friction(const drive::Drive& d, std::optional<double> te
                                  std::optional<double> speed_max_rad_s) {
   const friction::Range& range = d.law.range;
   BamFriction where{.temperature_degC = temperature_degC.value_or(d.thermal.T_amb_degC)};
-  if (d.law.info->temperature_dependent) {
-    const double low = range.temperature_min_degC, high = range.temperature_max_degC;
-    if (!temperature_degC) where.temperature_degC = std::clamp(where.temperature_degC, low, high);
-    if (!(where.temperature_degC >= low && where.temperature_degC <= high))
-      return tl::unexpected(fmt::format(
-          "the law is identified for {:g} .. {:g} degC, not for {:g} degC; choose a temperature within (--temperature)",
-          low, high, where.temperature_degC));
-  }
-  where.speed_max_rad_s = speed_max_rad_s.value_or(range.speed_max_rad_s / d.speed_scale());
-  if (!std::isfinite(where.speed_max_rad_s))
-    return tl::unexpected<Error>("its law has no end of speed; give the fastest joint speed (--joint-speed)");
-  double load_max = d.law.info->load_dependent ? std::min(range.load_max, 1.0) : 0;
-  for (const double load : d.load_table.loads) load_max = std::max(load_max, std::abs(load));
-  where.load_max_nm = load_max * d.torque_max_nm;
+  if (d.law.info->temperature_dependent && !temperature_degC)
+    where.temperature_degC = std::clamp(where.temperature_degC, range.temperature_min_degC, range.temperature_max_degC);
+  if (auto ok = require_identified_at(d, where.temperature_degC); !ok) return tl::unexpected(ok.error());
+  const auto fastest = fastest_rad_s(d, speed_max_rad_s);
+  if (!fastest) return tl::unexpected(fastest.error());
+  where.speed_max_rad_s = *fastest;
+  where.load_max_nm = largest_load_nm(d);
   const bool exact = is_m4(d.law.general_law) && d.load_table.loads.empty();
   BamFriction b = exact ? of_m4(d) : fitted(sampled(d, where), where);
   b.temperature_degC = where.temperature_degC, b.speed_max_rad_s = where.speed_max_rad_s;

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/twin/portable/drive_range.hpp>
 #include <tribotwin/twin/portable/friction_table.hpp>
 
 namespace tribotwin::twin {
@@ -21,38 +22,33 @@ Axis even(double low, double high, int count) {
   return axis;
 }
 
-/// Arm side [Nm].
-double friction_nm(const drive::Drive& d, const friction::AtTemperature& at, double speed_rad_s, double load_nm) {
-  const friction::Level level = drive::level(d, at, speed_rad_s * d.speed_scale(), load_nm / d.torque_max_nm);
-  return std::copysign(level.total() * d.torque_scale_nm(), speed_rad_s);
+/// With the sign of the speed, arm side [Nm].
+double signed_nm(const drive::Drive& d, const friction::AtTemperature& at, double speed_rad_s, double load_nm) {
+  return std::copysign(drive::friction_nm(d, at, speed_rad_s, load_nm / d.torque_max_nm), speed_rad_s);
 }
 
 Result<Axis> speeds(const drive::Drive& d, std::optional<double> speed_max_rad_s) {
-  const double fastest = speed_max_rad_s.value_or(d.law.range.speed_max_rad_s / d.speed_scale());
-  if (!std::isfinite(fastest))
-    return tl::unexpected(Error("its law has no end of speed; give the fastest joint speed (--joint-speed)"));
+  const auto fastest = fastest_rad_s(d, speed_max_rad_s);
+  if (!fastest) return tl::unexpected(fastest.error());
   Axis axis;
   for (int i = 0; i < speeds_per_direction; ++i)
-    axis.push_back(-fastest * std::pow(10, -decades * i / (speeds_per_direction - 1)));
+    axis.push_back(-*fastest * std::pow(10, -decades * i / (speeds_per_direction - 1)));
   for (int i = speeds_per_direction - 1; i >= 0; --i) axis.push_back(-axis[static_cast<std::size_t>(i)]);
   return axis;
 }
 
 Axis loads(const drive::Drive& d) {
-  double most = d.law.info->load_dependent ? std::min(d.law.range.load_max, 1.0) : 0;
-  for (const double load : d.load_table.loads) most = std::max(most, std::abs(load));
-  return most > 0 ? even(-most * d.torque_max_nm, most * d.torque_max_nm, load_count) : Axis{0};
+  const double most_nm = largest_load_nm(d);
+  return most_nm > 0 ? even(-most_nm, most_nm, load_count) : Axis{0};
 }
 
 Result<Axis> temperatures(const drive::Drive& d, std::optional<double> temperature_degC) {
   const double low = d.law.range.temperature_min_degC, high = d.law.range.temperature_max_degC;
   if (!d.law.info->temperature_dependent) return Axis{temperature_degC.value_or(d.thermal.T_amb_degC)};
-  if (temperature_degC && !(*temperature_degC >= low && *temperature_degC <= high))
-    return tl::unexpected(
-        Error(fmt::format("the law is identified for {:g} .. {:g} degC, not for {:g} degC; choose a "
-                          "temperature within (--temperature)",
-                          low, high, *temperature_degC)));
-  if (temperature_degC) return Axis{*temperature_degC};
+  if (temperature_degC) {
+    if (auto ok = require_identified_at(d, *temperature_degC); !ok) return tl::unexpected(ok.error());
+    return Axis{*temperature_degC};
+  }
   if (!std::isfinite(low) || !std::isfinite(high))
     return tl::unexpected(Error("its law has no range of temperature; give one temperature (--temperature)"));
   return high > low ? even(low, high, static_cast<int>(std::ceil((high - low) / between_temperatures_K)) + 1)
@@ -82,7 +78,7 @@ double interpolation_error_nm(const drive::Drive& d, const Grid& g) {
         for (int corner = 0; corner < 8; ++corner)
           sum += g.at(s + (corner & 1), std::min(l + (corner >> 1 & 1), g.load.size() - 1),
                       std::min(t + (corner >> 2), g.temperature.size() - 1));
-        const double truth = friction_nm(d, at, centre(g.speed, s), centre(g.load, l));
+        const double truth = signed_nm(d, at, centre(g.speed, s), centre(g.load, l));
         most = std::max(most, std::abs(sum / 8 - truth));
       }
   }
@@ -113,7 +109,7 @@ Result<FrictionTable> friction_table(const drive::Drive& d, std::optional<double
   for (const double w : g.speed)
     for (const double load : g.load)
       for (std::size_t t = 0; t < at.size(); ++t) {
-        g.values.push_back(friction_nm(d, at[t], w, load));
+        g.values.push_back(signed_nm(d, at[t], w, load));
         table.csv += fmt::format("{},{},{},{}\n", w, load, g.temperature[t], g.values.back());
       }
   table.rows = g.values.size();

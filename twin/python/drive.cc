@@ -82,9 +82,8 @@ py::object slide(PythonDrive& d, py::object speed, py::object load, double dt_s)
 
 py::object friction_limit(const PythonDrive& d, py::object speed, py::object load, py::object temperature) {
   const auto arrays = broadcast({std::move(speed), std::move(load), std::move(temperature)});
-  const double u = d.drive.speed_scale(), scale = d.drive.torque_scale_nm(), torque_max_nm = d.drive.torque_max_nm;
   const auto limit = [&](double speed_rad_s, double load_nm, const friction::AtTemperature& at) {
-    return drive::level(d.drive, at, speed_rad_s * u, load_nm / torque_max_nm).total() * scale;
+    return drive::friction_nm(d.drive, at, speed_rad_s, load_nm / d.drive.torque_max_nm);
   };
   const double *speeds = arrays[0].data(), *loads = arrays[1].data(), *temperatures = arrays[2].data();
   if (arrays[0].ndim() == 0)
