@@ -7,6 +7,7 @@
 #include <fstream>
 #include <iterator>
 #include <optional>
+#include <sstream>
 #include <utility>
 
 #include <fcntl.h>
@@ -172,6 +173,15 @@ Status write_unforced(const fs::path& file, std::string_view bytes) {
   if (!fresh) return tl::unexpected(fresh.error());
   if (auto ok = fresh->write(bytes); !ok) return ok;
   return fresh->publish_unforced();
+}
+
+Result<std::string> read_bytes(const fs::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  std::ostringstream bytes;
+  if (stream) bytes << stream.rdbuf();
+  if (!stream || bytes.bad())
+    return work_failed(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
+  return std::move(bytes).str();
 }
 
 Status write_derived(const fs::path& file, std::string_view bytes, Existing existing) {

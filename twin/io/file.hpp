@@ -68,6 +68,9 @@ class NewFile {
   Descriptor descriptor_;
 };
 
+/// All bytes of a file. Fails with "FILE: cannot be read (reason)".
+Result<std::string> read_bytes(const std::filesystem::path& file);
+
 /// Whether both names lead, or would lead, to one file: by device and inode, so also through links; files that do not
 /// exist yet by their place. Character devices (/dev/null) count as two files.
 bool is_same_file(const std::filesystem::path& a, const std::filesystem::path& b);

@@ -14,11 +14,6 @@
 namespace tribotwin::twin {
 namespace {
 
-std::string bytes_of(const std::string& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-
 /// Exit code of a program, whose output goes to `messages`; errno below 0 where it cannot be started.
 int run(std::vector<std::string> command, const std::string& messages) {
   std::vector<char*> arguments;
@@ -73,8 +68,9 @@ Result<std::string> fmu_library(const std::vector<FmuFile>& files, const std::st
     const int code = run(command, messages);
     if (code == -ENOENT) continue;
     if (code < 0) return work_failed(fmt::format("{}: cannot be started ({})", compiler, std::strerror(-code)));
-    if (code != 0) return work_failed(fmt::format("{}: exit code {}: {}", compiler, code, bytes_of(messages)));
-    std::string library = bytes_of(result);
+    if (code != 0)
+      return work_failed(fmt::format("{}: exit code {}: {}", compiler, code, read_bytes(messages).value_or("")));
+    std::string library = read_bytes(result).value_or("");
     if (library.empty()) return work_failed(fmt::format("{}: wrote no library", compiler));
     return library;
   }

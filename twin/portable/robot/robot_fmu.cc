@@ -1,9 +1,9 @@
-#include <fstream>
-#include <iterator>
+#include <utility>
 
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/portable/c_law.hpp>
 #include <tribotwin/twin/portable/robot/robot_fmu.hpp>
@@ -14,11 +14,6 @@ namespace tribotwin::twin {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::string bytes_of(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 /// Adds the files that a scenario names to `files` and makes the names relative.
 class Packer {
@@ -33,7 +28,6 @@ class Packer {
     for (auto entry : node) {
       const std::string key = entry.first.Scalar();
       YAML::Node value = entry.second;
-      std::error_code error;
       if (!value.IsScalar() || (key != "model" && key != "file")) {
         if (auto ok = pack(value); !ok) return ok;
         continue;
@@ -65,7 +59,9 @@ class Packer {
   Result<std::string> add(const fs::path& from, const std::string& name) {
     std::error_code error;
     if (!fs::is_regular_file(from, error)) return tl::unexpected(from.string() + ": is no file that can be read");
-    files_.push_back({"resources/" + name, bytes_of(from)});
+    auto bytes = read_bytes(from);
+    if (!bytes) return tl::unexpected(bytes.error());
+    files_.push_back({"resources/" + name, std::move(*bytes)});
     return name;
   }
 
@@ -77,9 +73,8 @@ std::string needs() {
   return fmt::format(
       "The library in binaries/ holds tribotwin and, as shared libraries of the system, needs libmujoco {} and those "
       "that `ldd` lists: of Debian bookworm libhdf5, libmatio, libyaml-cpp, libfmt, libpugixml, libglog, libzip, "
-      "liblz4, "
-      "libzstd and the C++ runtime. It is for the processor and the system that it was built on. Nothing is read but "
-      "resources/, and nothing is started.",
+      "liblz4, libzstd and the C++ runtime. It is for the processor and the system that it was built on. Nothing is "
+      "read but resources/, and nothing is started.",
       mj_versionString());
 }
 
@@ -148,7 +143,9 @@ Result<std::vector<FmuFile>> robot_fmu_files(const Scenario& scenario, RobotComm
   files.push_back({"documentation/index.html", page(scenario, commands, name)});
   files.push_back({"documentation/externalDependencies.txt", needs() + "\n"});
   files.push_back({"documentation/licenses/license.txt", fmu_license("scenario and the model in resources/")});
-  files.push_back({place, bytes_of(library)});
+  auto bytes = read_bytes(library);
+  if (!bytes) return tl::unexpected(bytes.error());
+  files.push_back({place, std::move(*bytes)});
   if (files.back().content.empty()) return work_failed(fmt::format("{}: cannot be read", library.string()));
   return files;
 }

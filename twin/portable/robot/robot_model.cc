@@ -1,11 +1,10 @@
-#include <fstream>
-#include <iterator>
 #include <sstream>
 
 #include <fmt/format.h>
 #include <pugixml.hpp>
 
 #include <tribotwin/plugins/mujoco/source.hpp>
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/portable/robot/robot_model.hpp>
 
 namespace tribotwin::twin {
@@ -50,11 +49,11 @@ Result<std::vector<FmuFile>> model_files(const fs::path& file, const std::string
                         "are meshes, height fields, textures and skins",
                         file.string(), kind, attribute.name(), attribute.value()));
       const fs::path from = fs::absolute(file).parent_path() / (kind == "texture" ? textures : meshes) / given;
-      std::ifstream in(from, std::ios::binary);
-      if (!in) return tl::unexpected(fmt::format("{}: {} cannot be read", file.string(), from.string()));
+      auto bytes = read_bytes(from);
+      if (!bytes) return tl::unexpected(fmt::format("{}: {}", file.string(), bytes.error().message));
       // A folder of its own: names of assets without a name follow from those of their files.
       const std::string name = fmt::format("assets/{}/{}", files.size(), given.filename().string());
-      files.push_back({fmt::format("{}/{}", folder, name), {std::istreambuf_iterator<char>(in), {}}});
+      files.push_back({fmt::format("{}/{}", folder, name), std::move(*bytes)});
       attribute = name.c_str();
     }
   }
