@@ -3,7 +3,7 @@
 #include <fstream>
 #include <optional>
 
-#include "../fmu_importer.hpp"
+#include "../fmu_checks.hpp"
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -54,12 +54,6 @@ class RobotFmu {
   FmiVersion version_;
   TemporaryFolder folder_{"tribotwin robot"};  // a blank in the name
 };
-
-void begin(Instance& instance) {
-  ASSERT_TRUE(instance.exists());
-  ASSERT_EQ(instance.enter(0), ok);
-  ASSERT_EQ(instance.exit(), ok);
-}
 
 /// The outputs of all joints, in the order of Twin's drives.
 std::vector<double> outputs(Instance& instance, const RobotFmu& fmu, const std::vector<std::string>& joints) {
@@ -223,21 +217,9 @@ TEST_P(Robot, WrongCallsAreErrors) {
   EXPECT_THAT(reported().back(), HasSubstr("/nowhere/fmu.yaml"));
 }
 
-/// Every function is there and answers: without an instance, and with one where all other arguments are zero.
 TEST_P(Robot, EveryFunctionAnswers) {
   const RobotFmu fmu(scenario_of(shipped / "irb6620_hold.yaml"), RobotCommands::scenario, GetParam());
-  const std::string prefix = GetParam() == FmiVersion::two ? "fmi2" : "fmi3";
-  for (const std::string& name : functions_of(GetParam())) {
-    SCOPED_TRACE(name);
-    ASSERT_TRUE(fmu.library->find(prefix + name));
-    if (name.starts_with("Instantiate") || name == "FreeInstance" || name == "GetTypesPlatform" || name == "GetVersion")
-      continue;
-    const auto function = fmu.library->function<AnyFunction>(prefix + name);
-    EXPECT_EQ(function(nullptr, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0), error);
-    const auto fresh = fmu.instance();
-    begin(*fresh);
-    EXPECT_LT(function(fresh->handle(), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0), fatal);
-  }
+  every_function_answers(*fmu.library, GetParam(), [&] { return fmu.instance(); });
 }
 
 constexpr const char* arm = R"(<mujoco>
