@@ -7,12 +7,9 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <random>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -29,6 +26,7 @@
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/tests/fuzz/require.hpp>
 #include <tribotwin/twin/commands/calibrate/campaign.hpp>
+#include <tribotwin/twin/commands/robot.hpp>
 #include <tribotwin/twin/diagnosis/healthy_file.hpp>
 #include <tribotwin/twin/diagnosis/observation.hpp>
 #include <tribotwin/twin/experiments/fault_study/study.hpp>
@@ -44,11 +42,9 @@
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
 #include <tribotwin/twin/io/file.hpp>
-#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/tables/column_map.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
-#include <tribotwin/twin/robot/base_parameters.hpp>
 #include <tribotwin/twin/robot/recording.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
 
@@ -78,25 +74,12 @@ void end(const Result<T>& result) {
     check_message(result.error().message);
 }
 
-struct Robot {
-  std::shared_ptr<const mujoco::Model> model;
-  Regressor regressor;
-  BaseParameters base;
-};
-
-const Robot& robot() {
-  static const Robot once = [] {
-    const auto model = or_fail(mujoco::load_file(given_or_shipped("er3a_c60", ".xml")));
-    const auto regressor = or_fail(Regressor::create(model->get()));
-    return Robot{model, regressor, base_parameters(regressor)};
-  }();
+const program::Robot& robot() {
+  static const program::Robot once = program::load_robot("er3a_c60");
   return once;
 }
 
-std::string content(const Path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
+std::string content(const Path& file) { return or_fail(read_bytes(file)); }
 
 /// The columns of a joint's recording, which tables of every kind are asked for.
 const std::vector<std::string> wanted{"time_s", "position_rad", "velocity_rad_s", "torque_nm"};
