@@ -13,6 +13,7 @@
 
 #include <tribotwin/hil/can/log.hpp>
 #include <tribotwin/hil/can/words.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -23,7 +24,6 @@ using twin::Descriptor;
 
 using Problem = tl::unexpected<Error>;
 
-constexpr std::size_t max_line = 4096;  // an FD frame needs 200; a file without line ends is not a log
 constexpr std::size_t read_size = 64 * 1024;
 constexpr int ask_stop_ms = 100;
 constexpr std::uint32_t error_flag = 0x20000000;
@@ -186,11 +186,11 @@ Result<bool> LogReader::next_line(std::string_view& line) {
   for (;;) {
     auto end = buffer_.find('\n', begin_ + searched);
     const std::size_t length = std::min(end, buffer_.size()) - begin_;
-    if (length >= max_line) {
+    if (length >= limits::log_line_bytes) {
       ++line_;
       skipping_ = true;  // the next call continues after it
       return problem("{}:{}: longer than {} characters; a line of a candump log is '(time) bus frame'", file_.string(),
-                     line_, max_line - 1);
+                     line_, limits::log_line_bytes - 1);
     }
     if (end == buffer_.npos) {
       searched = length;

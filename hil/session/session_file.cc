@@ -9,6 +9,8 @@
 
 #include <tribotwin/hil/can/words.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
+#include <tribotwin/plugins/friction/input_file.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -20,7 +22,6 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view first_line = "tribotwin-hil session 2", old_first_line = "tribotwin-hil session 1",
                            begin_turns = "turns", last_line = "end";
-constexpr std::size_t longest_start_file = 64 << 20;
 constexpr std::int64_t most_steps = 1'000'000;   ///< of one turn; a session makes a few hundred at most
 constexpr std::int64_t most_cycles = 1'000'000;  ///< of one command `step`
 constexpr std::string_view off = "off", on = "on", end_of_turn = "end", back = "recovered", foreign = "misleading",
@@ -200,15 +201,17 @@ Result<void> SessionWriter::finish() {
 Result<SessionReader> SessionReader::open(const fs::path& file) {
   SessionReader reader;
   reader.file_ = file;
-  reader.in_.open(file);
-  if (!reader.in_) return tl::unexpected(fmt::format("{}: cannot be read", file.string()));
+  auto stream = twin::open_text(file, "a session file");
+  if (!stream) return tl::unexpected(stream.error());
+  reader.in_ = std::move(*stream);
   if (auto ok = reader.read_head(); !ok) return tl::unexpected(ok.error());
   return reader;
 }
 
 Result<void> SessionReader::read_head() {
   std::string line;
-  if (!std::getline(in_, line)) return tl::unexpected(fmt::format("{}: is empty", file_.string()));
+  if (!read_line(in_, line, limits::session_line_bytes))
+    return tl::unexpected(fmt::format("{}: is empty", file_.string()));
   const auto wrong = [&](std::string_view expected) {
     return tl::unexpected(fmt::format("{}:{}: is not '{}'; no session file, or of another version of tribotwin-hil",
                                       file_.string(), line_, expected));
@@ -218,7 +221,7 @@ Result<void> SessionReader::read_head() {
   if (!old && line != first_line) return wrong(first_line);
   const auto value_of = [&](std::string_view key) -> std::string {
     ++line_;
-    std::getline(in_, line);
+    read_line(in_, line, limits::session_line_bytes);
     const auto [found, value] = split(line, ' ');
     return std::string(found == key ? value : "");
   };
@@ -242,7 +245,7 @@ Result<void> SessionReader::read_head() {
 
 Result<void> SessionReader::read_conditions() {
   std::string line;
-  while (++line_, std::getline(in_, line)) {
+  while (++line_, read_line(in_, line, limits::session_line_bytes)) {
     if (line == begin_turns) return {};
     const auto [key, value] = split(line, ' ');
     const auto kind = std::ranges::find(start_files, key, &std::pair<StartFile::Kind, std::string_view>::second);
@@ -267,9 +270,9 @@ Result<StartFile> SessionReader::read_start_file(StartFile::Kind kind, std::stri
   StartFile file{.kind = kind, .name = std::string(name), .content = std::nullopt};
   if (size == absent && kind == StartFile::Kind::store) return file;
   const auto bytes = to_integer<std::size_t>(size);
-  if (!bytes || *bytes > longest_start_file)
+  if (!bytes || *bytes > limits::text_bytes)
     return tl::unexpected(fmt::format("{}:{}: is not '{} BYTES NAME' with at most {} bytes", file_.string(), line_,
-                                      word_of(kind), longest_start_file));
+                                      word_of(kind), limits::text_bytes));
   file.content = std::string(*bytes, '\0');
   if (!in_.read(file.content->data(), static_cast<std::streamsize>(*bytes)) || in_.get() != '\n')
     return tl::unexpected(
@@ -300,14 +303,15 @@ Result<Wiring> recorded_wiring(const fs::path& log) {
 Result<bool> SessionReader::next(Turn& turn) {
   std::string line;
   if (complete_) return false;
-  if (!std::getline(in_, line)) return false;
+  if (!read_line(in_, line, limits::session_line_bytes)) return false;
   ++line_;
   if (line == last_line) return complete_ = true, false;
   if (in_.eof()) return false;  // the last line of a session that was killed
   const auto parts = words(line);
   const auto us = parts.empty() ? std::nullopt : to_integer<std::int64_t>(parts[0]);
   turn = {};
-  bool good = us && *us >= 0 && *us <= (std::numeric_limits<std::int64_t>::max() - last_ns_) / 1000;
+  bool good = line.size() <= limits::session_line_bytes && us && *us >= 0 &&
+              *us <= (std::numeric_limits<std::int64_t>::max() - last_ns_) / 1000;
   for (std::size_t i = 1; good && i < parts.size(); ++i) good = parse_word(parts[i], turn);
   if (!good)
     return tl::unexpected(

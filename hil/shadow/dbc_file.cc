@@ -6,6 +6,8 @@
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
 #include <tribotwin/hil/shadow/dbc_file.hpp>
+#include <tribotwin/plugins/friction/input_file.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -14,7 +16,6 @@ namespace {
 
 constexpr std::uint32_t extended_id = 0x80000000;             // bit 31 of a message's number
 constexpr int longest_frame = 64, longest_message = 1 << 20;  // bytes; of a message of many frames: a plain limit
-constexpr std::size_t longest_line = 4096;  // read of a line: regular expressions recurse; behind are receivers only
 
 /// A DBC may write a '+' before a number.
 std::string_view unsigned_part(std::string_view text) { return text.substr(text.starts_with('+') ? 1 : 0); }
@@ -175,9 +176,12 @@ Result<DbcFile> read_dbc(const std::filesystem::path& file) {
   if (!stream) return tl::unexpected(stream.error());
   Reader reader;
   std::string text;
-  for (std::size_t line = 1; std::getline(*stream, text); ++line) {
+  for (std::size_t line = 1; read_line(*stream, text, limits::dbc_file_line_bytes); ++line) {
+    if (text.size() > limits::dbc_file_line_bytes)
+      return tl::unexpected(fmt::format("{}:{}: is longer than {} bytes, the most that a line of a DBC file has",
+                                        file.string(), line, limits::dbc_file_line_bytes));
     if (text.ends_with('\r')) text.pop_back();
-    text.resize(std::min(text.size(), longest_line));
+    text.resize(std::min(text.size(), limits::dbc_line_bytes));  // regular expressions recurse
     if (auto ok = reader.take(text, line); !ok)
       return tl::unexpected(fmt::format("{}:{}: {}", file.string(), line, ok.error().message));
   }

@@ -1,14 +1,13 @@
 #include <algorithm>
-#include <cstring>
-#include <fstream>
 #include <optional>
 #include <regex>
 #include <span>
-#include <sstream>
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/input_file.hpp>
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
@@ -19,10 +18,6 @@ namespace tribotwin::mujoco {
 namespace {
 
 using Problem = std::optional<std::string>;
-
-/// The engine reads elements recursively and also stops at this depth.
-constexpr int deepest = 500;
-constexpr double max_user_data = 1e6;
 
 /// The element after `node` in the order of the text, or none; `depth` follows.
 pugi::xml_node next_element(pugi::xml_node node, int& depth) {
@@ -45,36 +40,76 @@ void for_each_element(pugi::xml_node root, const std::function<bool(pugi::xml_no
 Problem too_deep(const Source& source) {
   Problem problem;
   for_each_element(source.document->document_element(), [&](pugi::xml_node element, int depth) {
-    if (depth > deepest)
+    if (depth > limits::model_depth)
       problem = fmt::format("{}: is nested {} elements deep, but at most {} are possible", at(source, element), depth,
-                            deepest);
+                            limits::model_depth);
     return !problem;
   });
   return problem;
 }
 
-/// Numbers that the engine accepts without a check but that make a run impossible.
+/// A number, or the product of up to `most` of them.
+std::optional<double> product(std::string_view text, int most) {
+  constexpr std::string_view blanks = " \t\r\n";
+  double all = 1;
+  int count = 0;
+  for (auto begin = text.find_first_not_of(blanks); begin < text.size(); ++count) {
+    const auto end = std::min(text.find_first_of(blanks, begin), text.size());
+    const auto value = to_number(text.substr(begin, end - begin).substr(text[begin] == '+' ? 1 : 0));
+    if (!value || count == most || (most > 1 && *value < 0)) return std::nullopt;
+    all *= *value;
+    begin = text.find_first_not_of(blanks, end);
+  }
+  return count > 0 ? std::optional(all) : std::nullopt;
+}
+
+/// Numbers that the engine accepts without a check but that make a run impossible, or for which it takes any memory.
+constexpr struct {
+  const char *element, *attribute, *unit;
+  double minimum, maximum;
+  int numbers = 1;
+} checked_numbers[] = {{"option", "timestep", " s", shortest_timestep_s, longest_timestep_s},
+                       {"size", "nuserdata", "", 0, limits::model_user_data},
+                       {"size", "nkey", "", -1, limits::model_user_numbers},
+                       {"size", "nstack", "", -1, limits::model_stack},
+                       {"size", "njmax", "", -1, limits::model_constraints},
+                       {"size", "nconmax", "", -1, limits::model_constraints},
+                       {"size", "nuser_body", "", -1, limits::model_user_numbers},
+                       {"size", "nuser_jnt", "", -1, limits::model_user_numbers},
+                       {"size", "nuser_geom", "", -1, limits::model_user_numbers},
+                       {"size", "nuser_site", "", -1, limits::model_user_numbers},
+                       {"size", "nuser_cam", "", -1, limits::model_user_numbers},
+                       {"size", "nuser_tendon", "", -1, limits::model_user_numbers},
+                       {"size", "nuser_actuator", "", -1, limits::model_user_numbers},
+                       {"size", "nuser_sensor", "", -1, limits::model_user_numbers},
+                       {"texture", "width", " pixels", 0, limits::model_pixels},
+                       {"texture", "height", " pixels", 0, limits::model_pixels},
+                       {"hfield", "nrow", "", 0, limits::model_pixels},
+                       {"hfield", "ncol", "", 0, limits::model_pixels},
+                       {"composite", "count", " (their product)", 0, limits::model_copies, 3}};
+
 Problem out_of_range(const Source& source) {
-  const struct {
-    const char *element, *attribute, *unit;
-    double minimum, maximum;
-  } numbers[] = {{"option", "timestep", " s", shortest_timestep_s, longest_timestep_s},
-                 {"size", "nuserdata", "", 0, max_user_data}};
-  for (const auto& n : numbers)
-    for (const auto& match : source.document->select_nodes(fmt::format("//{}[@{}]", n.element, n.attribute).c_str())) {
-      const std::string text = match.node().attribute(n.attribute).value();
-      const auto first = std::min(text.find_first_not_of(" \t\r\n+"), text.size()),
-                 end = text.find_last_not_of(" \t\r\n") + 1;  // npos + 1 is 0
-      const auto value = to_number(std::string_view(text).substr(first, end > first ? end - first : 0));
-      if (!value || !(*value >= n.minimum && *value <= n.maximum))
-        return fmt::format("{}: {} is '{}' but must be within {:g} .. {:g}{}", at(source, match.node()), n.attribute,
-                           text, n.minimum, n.maximum, n.unit);
+  Problem problem;
+  for_each_element(source.document->document_element(), [&](pugi::xml_node element, int) {
+    for (const auto& n : checked_numbers) {
+      if (std::string_view(element.name()) != n.element) continue;
+      const char* text = element.attribute(n.attribute).as_string(nullptr);
+      const auto value = text ? product(text, n.numbers) : std::nullopt;
+      if (text && !(value && *value >= n.minimum && *value <= n.maximum))
+        problem = fmt::format("{}: {} is '{}' but must be within {:g} .. {:g}{}", at(source, element), n.attribute,
+                              text, n.minimum, n.maximum, n.unit);
+      if (problem) break;
     }
-  return {};
+    return !problem;
+  });
+  return problem;
 }
 
 Result<Source> parse(std::string name, std::string text) {
   Source source{std::move(name), std::move(text)};
+  if (const auto tags = std::count(source.text.begin(), source.text.end(), '<'); tags > limits::model_tags)
+    return tl::unexpected(
+        fmt::format("{}: has {} tags, but at most {} are read of a file", source.name, tags, limits::model_tags));
   const pugi::xml_parse_result result = source.document->load_buffer(source.text.data(), source.text.size());
   if (!result)
     return tl::unexpected(
@@ -83,6 +118,36 @@ Result<Source> parse(std::string name, std::string text) {
   if (const Problem p = too_deep(source)) return tl::unexpected(*p);
   if (const Problem p = out_of_range(source)) return tl::unexpected(*p);
   return source;
+}
+
+/// A mesh, texture or height field that the engine would read without end: a device, a pipe, a file of any length.
+Problem unfit_asset(const std::vector<Source>& sources, const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> folders{folder};
+  for (const Source& source : sources)
+    for (const auto& match : source.document->select_nodes("//compiler"))
+      for (const char* attribute : {"meshdir", "texturedir", "assetdir"})
+        if (const auto given = match.node().attribute(attribute)) folders.push_back(folder / given.value());
+  const auto problem_of = [&](const Source& source, pugi::xml_node element, const std::filesystem::path& given) {
+    for (const auto& name : {given, given.filename()})  // filename: with strippath
+      for (const auto& each : folders)
+        if (std::error_code error; !name.empty() && std::filesystem::exists(each / name, error) &&
+                                   !std::filesystem::is_directory(each / name, error))
+          if (const auto ok = check_input_file(each / name, "a file of a model", limits::asset_bytes, Pipes::refuse);
+              !ok)
+            return Problem(fmt::format("{}: {}", at(source, element), ok.error().message));
+    return Problem();
+  };
+  Problem problem;
+  for (const Source& source : sources)
+    for_each_element(source.document->document_element(), [&](pugi::xml_node element, int) {
+      const std::string_view kind = element.name();
+      if (kind != "mesh" && kind != "texture" && kind != "hfield" && kind != "skin") return true;
+      for (const pugi::xml_attribute a : element.attributes())
+        if (!problem && std::string_view(a.name()).starts_with("file"))
+          problem = problem_of(source, element, a.value());
+      return !problem;
+    });
+  return problem;
 }
 
 /// What an element of <extension> may contain: MuJoCo's own vocabulary, except what the loader does not merge.
@@ -159,14 +224,9 @@ std::string at(const Source& source, pugi::xml_node element) {
 }
 
 Result<std::string> read_text(const std::filesystem::path& file) {
-  std::error_code error;
-  if (std::filesystem::is_directory(file, error))
-    return tl::unexpected(fmt::format("{}: is a folder, not an MJCF file", file.string()));
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
-  std::ostringstream text;
-  text << stream.rdbuf();
-  auto utf8 = to_utf8(text.str());
+  auto text = read_input_file(file, "an MJCF file", limits::model_bytes);
+  if (!text) return text;
+  auto utf8 = to_utf8(std::move(*text));
   if (!utf8) return tl::unexpected(fmt::format("{}:{}", file.string(), utf8.error().message));
   return utf8;
 }
@@ -191,6 +251,7 @@ Result<std::vector<Source>> read_sources(std::string name, std::string text, con
       if (!source) return tl::unexpected(source.error());
       sources.push_back(std::move(*source));
     }
+  if (const Problem p = unfit_asset(sources, folder)) return tl::unexpected(*p);
   return sources;
 }
 
@@ -213,11 +274,16 @@ Result<void> check_extensions(const std::vector<Source>& sources) {
 }
 
 Origins::Origins(const std::vector<Source>& sources) : main_(&sources.front()) {
-  for (const Source& source : sources)
+  for (const Source& source : sources) {
+    std::ptrdiff_t line = 1, counted = 0;
     for_each_element(source.document->document_element(), [&](pugi::xml_node element, int) {
-      lines_.push_back({source.line(element.offset_debug()), element.name(), {&source, element.offset_debug()}});
+      const auto offset = std::clamp(element.offset_debug(), counted, std::ssize(source.text));
+      line += std::count(source.text.begin() + counted, source.text.begin() + offset, '\n');
+      counted = offset;
+      lines_.push_back({line, element.name(), {&source, offset}});
       return true;
     });
+  }
 }
 
 void Origins::add_copy(const Source& source, pugi::xml_node original, pugi::xml_node copy) {

@@ -7,7 +7,6 @@
 #include <fstream>
 #include <iterator>
 #include <optional>
-#include <sstream>
 #include <utility>
 
 #include <fcntl.h>
@@ -16,6 +15,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <tribotwin/plugins/friction/input_file.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
@@ -176,12 +177,9 @@ Status write_unforced(const fs::path& file, std::string_view bytes) {
 }
 
 Result<std::string> read_bytes(const fs::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  std::ostringstream bytes;
-  if (stream) bytes << stream.rdbuf();
-  if (!stream || bytes.bad())
-    return work_failed(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
-  return std::move(bytes).str();
+  auto bytes = read_input_file(file, "a file of data", limits::file_bytes);
+  if (!bytes) bytes.error().kind = ErrorKind::work;
+  return bytes;
 }
 
 Status write_derived(const fs::path& file, std::string_view bytes, Existing existing) {

@@ -68,7 +68,7 @@ class NewFile {
   Descriptor descriptor_;
 };
 
-/// All bytes of a file. Fails with "FILE: cannot be read (reason)".
+/// All bytes of a regular file of at most limits::file_bytes. Fails with "FILE: what is wrong".
 Result<std::string> read_bytes(const std::filesystem::path& file);
 
 /// Whether both names lead, or would lead, to one file: by device and inode, so also through links; files that do not

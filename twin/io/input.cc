@@ -1,9 +1,14 @@
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <sstream>
 
 #include <fmt/format.h>
+#include <yaml-cpp/anchor.h>
+#include <yaml-cpp/eventhandler.h>
 
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/input.hpp>
@@ -163,8 +168,11 @@ std::filesystem::path Mapping::file(const std::string& key, const std::filesyste
   const std::string given = text(key);
   std::filesystem::path path = (folder / given).lexically_normal();
   std::error_code error;
-  if (!std::filesystem::exists(path, error))
-    if (const auto shipped = given_or_shipped(given, ""); shipped != given) path = shipped;
+  if (!std::filesystem::exists(path, error)) try {
+      if (const auto shipped = given_or_shipped(given, ""); shipped != given) path = shipped;
+    } catch (const InputError& e) {
+      fail(key, e.what());  // with the place of the name
+    }
   if (std::filesystem::is_directory(path, error)) fail(key, fmt::format("'{}' is a folder, not a file", path.string()));
   if (!std::filesystem::exists(path, error))
     fail(key, fmt::format("'{}' cannot be read: it does not exist", path.string()));
@@ -198,10 +206,100 @@ void Mapping::accept(const std::vector<std::string_view>& accepted) const {
 
 void Mapping::done() const { accept({known_.begin(), known_.end()}); }
 
+namespace {
+
+/// Counts what a text holds, before a tree is made of it: aliases as what they stand for, since what visits a tree
+/// visits them so.
+class YamlLimits final : public YAML::EventHandler {
+ public:
+  explicit YamlLimits(const std::string& where) : where_(where) {}
+
+  void OnDocumentStart(const YAML::Mark&) override {}
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override { add_value(mark, anchor); }
+  void OnScalar(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor, const std::string&) override {
+    add_value(mark, anchor);
+  }
+  void OnSequenceStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor,
+                       YAML::EmitterStyle::value) override {
+    open(mark, anchor);
+  }
+  void OnMapStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor,
+                  YAML::EmitterStyle::value) override {
+    open(mark, anchor);
+  }
+  void OnSequenceEnd() override { close(); }
+  void OnMapEnd() override { close(); }
+  void OnAlias(const YAML::Mark& mark, YAML::anchor_t anchor) override {
+    const auto known = anchors_.find(anchor);
+    if (known == anchors_.end()) fail(mark, "an alias stands within what it stands for");
+    add(mark, known->second);
+  }
+
+ private:
+  struct Size {
+    std::size_t values = 0, depth = 0;
+  };
+  struct Open {
+    YAML::anchor_t anchor;
+    Size size;
+  };
+
+  [[noreturn]] void fail(const YAML::Mark& mark, const std::string& what) const {
+    throw InputError(fmt::format("{}: {}", place(where_, mark), what));
+  }
+  void add(const YAML::Mark& mark, Size size) {
+    if (size.depth + open_.size() > limits::yaml_depth)
+      fail(mark, fmt::format("mappings and lists are nested deeper than {}", limits::yaml_depth));
+    // Sums stay far below overflow: each is checked.
+    if ((values_ += size.values) > limits::yaml_values)
+      fail(mark, fmt::format("holds more than {} values, aliases counted as what they stand for", limits::yaml_values));
+    if (open_.empty()) return;
+    open_.back().size.values += size.values;
+    open_.back().size.depth = std::max(open_.back().size.depth, size.depth);
+  }
+  void add_value(const YAML::Mark& mark, YAML::anchor_t anchor) {
+    add(mark, {1, 0});
+    if (anchor != YAML::NullAnchor) anchors_[anchor] = {1, 0};
+  }
+  void open(const YAML::Mark& mark, YAML::anchor_t anchor) {
+    add(mark, {1, 1});
+    open_.push_back({anchor, {}});
+  }
+  void close() {
+    const Open closed = open_.back();
+    open_.pop_back();
+    const Size size{closed.size.values + 1, closed.size.depth + 1};
+    if (closed.anchor != YAML::NullAnchor) anchors_[closed.anchor] = size;
+    if (open_.empty()) return;
+    open_.back().size.values += closed.size.values;
+    open_.back().size.depth = std::max(open_.back().size.depth, size.depth);
+  }
+
+  const std::string& where_;
+  std::size_t values_ = 0;
+  std::vector<Open> open_;
+  std::map<YAML::anchor_t, Size> anchors_;
+};
+
+/// Throws YAML::Exception, and InputError beyond a limit. `where` is the file or option, for messages.
+YAML::Node parse_yaml(const std::string& text, const std::string& where) {
+  std::istringstream stream(text);
+  YAML::Parser parser(stream);
+  YamlLimits limits(where);
+  parser.HandleNextDocument(limits);
+  return YAML::Load(text);
+}
+
+}  // namespace
+
 YAML::Node load_yaml(const std::filesystem::path& file) {
   const std::string text = or_wrong_input(read_text(file, "a YAML file"));
+  if (text.size() > limits::yaml_bytes)
+    throw InputError(fmt::format("{}: has {} bytes; at most {} are read of a YAML file", file.string(), text.size(),
+                                 limits::yaml_bytes));
   try {
-    YAML::Node node = YAML::Load(text);
+    YAML::Node node = parse_yaml(text, file.string());
     if (!node.IsMap())
       throw InputError(fmt::format("{}: is {} but must be a mapping of keys", file.string(), kind(node)));
     return node;
@@ -243,7 +341,7 @@ void apply_setting(YAML::Node root, const std::string& setting, std::string_view
     begin = dot + 1;
   }
   try {
-    node = YAML::Load(setting.substr(equals + 1));
+    node = parse_yaml(setting.substr(equals + 1), "--set " + setting.substr(0, equals));
   } catch (const YAML::Exception& e) {
     throw InputError(fmt::format("--set {}: {}", setting, e.msg));
   }

@@ -104,7 +104,7 @@ auto choice_of(Mapping& in, const std::string& key, const Table& table) {
   return std::ranges::find_if(table, [&](const auto& row) { return row.first == chosen; })->second;
 }
 
-/// Reads a YAML file; the root must be a mapping.
+/// Reads a YAML file within limits::yaml_*; the root must be a mapping. Throws InputError.
 YAML::Node load_yaml(const std::filesystem::path& file);
 
 /// Applies one `--set key=value` to the tree of a YAML file. Dotted keys descend into mappings and, by numbers, into

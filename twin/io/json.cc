@@ -1,9 +1,40 @@
+#include <cstddef>
+
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/io/destination.hpp>
 #include <tribotwin/twin/io/json.hpp>
 
 namespace tribotwin::twin {
 
-nlohmann::json parse_json(const std::string& text) { return nlohmann::json::parse(text, nullptr, false); }
+namespace {
+
+/// Of a text that is well formed; of any other text no matter what.
+bool is_within_limits(std::string_view text) {
+  std::size_t values = 1, depth = 0;
+  bool quoted = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (quoted && c == '\\')
+      ++i;
+    else if (c == '"')
+      quoted = !quoted;
+    else if (!quoted && (c == '[' || c == '{'))
+      ++values, ++depth;
+    else if (!quoted && (c == ']' || c == '}') && depth > 0)
+      --depth;
+    else if (!quoted && c == ',')
+      ++values;
+    if (values > limits::json_values || depth > limits::json_depth) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+nlohmann::json parse_json(const std::string& text) {
+  using nlohmann::json;
+  return is_within_limits(text) ? json::parse(text, nullptr, false) : json(json::value_t::discarded);
+}
 
 std::string files_json(std::span<const std::string> files) {
   nlohmann::ordered_json json{{"files", nlohmann::ordered_json::array()}};

@@ -7,8 +7,8 @@
 
 namespace tribotwin::twin {
 
-/// is_discarded() where the text is not well formed. A function because nlohmann's parser takes 2 s of compilation in
-/// every source that instantiates it.
+/// is_discarded() where the text is not well formed or beyond limits::json_*. A function because nlohmann's parser
+/// takes 2 s of compilation in every source that instantiates it.
 nlohmann::json parse_json(const std::string& text);
 
 /// null where there is no value.

@@ -2,12 +2,13 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
-#include <iterator>
 #include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tribotwin/plugins/friction/input_file.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
@@ -32,9 +33,7 @@ std::string shown(std::string_view name) {
 }  // namespace
 
 Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_view kind) {
-  std::error_code error;
-  if (std::filesystem::is_directory(file, error))
-    return tl::unexpected(fmt::format("{}: is a folder, not {}", file.string(), kind));
+  if (auto ok = check_input_file(file, kind, limits::any_length, Pipes::accept); !ok) return tl::unexpected(ok.error());
   if (is_named_pipe(file)) return open_from_writer(file);
   std::ifstream stream(file, std::ios::binary);
   if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
@@ -42,9 +41,12 @@ Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_v
 }
 
 Result<std::string> read_text(const std::filesystem::path& file, std::string_view kind) {
+  if (auto ok = check_input_file(file, kind, limits::text_bytes, Pipes::accept); !ok) return tl::unexpected(ok.error());
   auto stream = open_text(file, kind);
   if (!stream) return tl::unexpected(stream.error());
-  auto text = to_utf8(std::string(std::istreambuf_iterator<char>(*stream), {}));
+  auto bytes = read_at_most(*stream, limits::text_bytes);
+  if (!bytes) return tl::unexpected(fmt::format("{}: {}", file.string(), bytes.error().message));
+  auto text = to_utf8(std::move(*bytes));
   if (!text) return tl::unexpected(fmt::format("{}:{}", file.string(), text.error().message));
   return text;
 }

@@ -10,12 +10,12 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 
-/// All text files are opened here. `kind` completes "FILE: is a folder, not ...", for example "a YAML file".
+/// All text files are opened here, but no folders and devices. `kind` completes "FILE: is a folder, not a YAML file".
 namespace tribotwin::twin {
 
 Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_view kind);
 
-/// The whole content in UTF-8 (to_utf8). Fails with file and line.
+/// The whole content in UTF-8 (to_utf8), at most limits::text_bytes. Fails with file and line.
 Result<std::string> read_text(const std::filesystem::path& file, std::string_view kind);
 
 /// Without blanks, tabs and carriage returns at both ends.

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -16,7 +17,9 @@ using Read = Result<SetPoints>;
 Read read_json(const std::filesystem::path& file, const std::string& text) {
   const auto fail = [&](const std::string& why) { return tl::unexpected(fmt::format("{}: {}", file.string(), why)); };
   const auto json = parse_json(text);
-  if (json.is_discarded()) return fail("is not well-formed JSON");
+  if (json.is_discarded())
+    return fail(fmt::format("is no JSON of at most {} values, nested at most {} deep", limits::json_values,
+                            limits::json_depth));
   if (!json.is_object() || !json.contains("entries") || !json["entries"].is_array())
     return fail("has no array 'entries'");
   SetPoints points;

@@ -8,6 +8,7 @@
 #include <tribotwin/hil/canopen/object_index.hpp>
 #include <tribotwin/hil/canopen/setup/eds_reader.hpp>
 #include <tribotwin/hil/canopen/setup/parameter_keeper.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -16,7 +17,6 @@ namespace {
 
 constexpr od::Index first_object = 0x1000;  // below: data types
 constexpr std::int64_t longest_text = 4096;
-constexpr std::size_t longest_line = 4096, most_objects = 20000;
 
 std::string lower(std::string_view text) {
   std::string out(text);
@@ -130,8 +130,8 @@ class Objects {
       const auto index = name.size() == 4 ? to_integer<std::uint16_t>(name, 16) : std::nullopt;
       if (!index || *index < first_object) continue;
       if (auto ok = add_object(*index, name, keys); !ok) return tl::unexpected(ok.error());
-      if (objects_.size() > most_objects)
-        return tl::unexpected<Error>(fmt::format("{}: more than {} objects", file_.string(), most_objects));
+      if (objects_.size() > limits::eds_objects)
+        return tl::unexpected<Error>(fmt::format("{}: more than {} objects", file_.string(), limits::eds_objects));
     }
     if (objects_.empty())
       return tl::unexpected<Error>(
@@ -295,7 +295,8 @@ Result<EdsSections> parse_eds_sections(const std::string& content, const std::fi
   EdsSections sections;
   std::string raw, section;
   for (int line = 1; std::getline(stream, raw); ++line) {
-    if (raw.size() > longest_line) return problem(file, line, "a line has at most {} characters", longest_line);
+    if (raw.size() > limits::eds_line_bytes)
+      return problem(file, line, "a line has at most {} characters", limits::eds_line_bytes);
     const std::string_view text = twin::trimmed(raw);
     if (text.empty() || text[0] == ';' || text[0] == '#') continue;
     if (text[0] == '[') {

@@ -89,6 +89,35 @@ TEST(Loader, NamesTheElementAndTheRemedy) {
   EXPECT_THAT(load_file("/").error().message, HasSubstr("folder"));
 }
 
+TEST(Loader, RefusesWhatTakesAnyMemoryOrTime) {
+  const auto refusal = [](const std::string& inner) {
+    const auto model = load_string("<mujoco>" + inner + "<worldbody><geom size=\"1\"/></worldbody></mujoco>");
+    return model ? "loaded" : model.error().message;
+  };
+  EXPECT_EQ(refusal(""), "loaded");
+  EXPECT_EQ(refusal(R"(<size njmax="5000" nstack="-1" nkey="3"/>)"), "loaded");
+  for (const auto& [element, says] :
+       {std::pair{R"(size njmax="1e9")", "model:1: <size>: njmax is '1e9' but must be within -1 .. 10000"},
+        {R"(size nconmax="10001")", "nconmax"},
+        {R"(size nstack="100000000000")", "nstack"},
+        {R"(size nuserdata="1e300")", "nuserdata"},
+        {R"(size nuser_geom="1e9")", "nuser_geom"},
+        {R"(size nkey="1 1")", "nkey is '1 1'"}})
+    EXPECT_THAT(refusal(fmt::format("<{}/>", element)), HasSubstr(says));
+  for (const char* asset : {R"(texture name="t" type="2d" builtin="flat" width="100000" height="100000")",
+                            R"(hfield name="h" nrow="1000000" ncol="1000000" size="1 1 1 1")"})
+    EXPECT_THAT(refusal(fmt::format("<asset><{}/></asset>", asset)), HasSubstr("but must be within 0 .. 4096"));
+  EXPECT_THAT(refusal(R"(<worldbody><composite type="grid" count="1000 1000 1" spacing=".1"><geom size=".01"/>)"
+                      "</composite></worldbody>"),
+              HasSubstr("count is '1000 1000 1' but must be within 0 .. 10000 (their product)"));
+  EXPECT_THAT(refusal(R"(<asset><mesh name="m" file="/dev/zero"/></asset>)"),
+              HasSubstr("<mesh name=\"m\">: /dev/zero: is a device, not a file of a model"));
+  EXPECT_THAT(load_file("/dev/zero").error().message, HasSubstr("/dev/zero: is a device, not an MJCF file"));
+  std::string many = "<mujoco>";
+  for (int i = 0; i <= 1000000; ++i) many += "<a/>";
+  EXPECT_THAT(load_string(many + "</mujoco>").error().message, HasSubstr("has 1000003 tags, but at most 1000000"));
+}
+
 TEST(Br609, CurvesMoveAsPaperTwoDescribes) {
   const auto model = load_file(std::string(TRIBOTWIN_SOURCE_DIR) + "/mjcf/br609.xml");
   ASSERT_TRUE(model) << model.error().message;

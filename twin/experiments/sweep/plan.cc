@@ -62,7 +62,11 @@ class Reader {
     const std::string given = in_.text("scenario");
     const fs::path here = (fs::absolute(plan_.file).parent_path() / given).lexically_normal();
     std::error_code error;
-    plan_.scenario = fs::exists(here, error) ? here : given_or_shipped(given, ".yaml");
+    try {
+      plan_.scenario = fs::exists(here, error) ? here : given_or_shipped(given, ".yaml");
+    } catch (const InputError& e) {
+      in_.fail("scenario", e.what());  // with the place of the name
+    }
     if (!fs::is_regular_file(plan_.scenario, error))
       in_.fail("scenario", fmt::format("'{}' does not exist; give a scenario file, relative to the plan, or one of "
                                        "'tribotwin list scenarios'",

@@ -108,7 +108,7 @@ WorkingDay day_of(const JsonInput& in, const Shape& shape) {
 
 Result<WorkingDay> from_text(const std::string& text, const Shape& shape) {
   const Json root = parse_json(text);
-  if (root.is_discarded()) return tl::unexpected(Error("is no well-formed JSON"));
+  if (root.is_discarded()) return tl::unexpected(Error("is no JSON within the limits of readers"));
   try {
     return day_of(JsonInput(root, ""), shape);
   } catch (const InputError& e) {

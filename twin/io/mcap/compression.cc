@@ -4,6 +4,7 @@
 #include <lz4frame.h>
 #include <zstd.h>
 
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/io/mcap/compression.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -54,9 +55,9 @@ Result<std::string_view> decompress(std::string_view format, std::string_view by
   if (known == std::end(formats))
     return tl::unexpected(
         fmt::format("compression '{}' is not known; accepted are zstd, lz4 and none", printable(format.substr(0, 40))));
-  if (size > most_chunk_bytes || size / known->best_ratio > bytes.size())
+  if (size > limits::mcap_chunk_bytes || size / known->best_ratio > bytes.size())
     return tl::unexpected(fmt::format("{} compressed bytes cannot be the {} that the chunk promises (at most {})",
-                                      bytes.size(), size, most_chunk_bytes));
+                                      bytes.size(), size, limits::mcap_chunk_bytes));
   char* const to = buffer.at_least(size);
   const auto made = known->decompress(bytes, to, size);
   if (!made) return tl::unexpected(made.error());

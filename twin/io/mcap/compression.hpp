@@ -23,9 +23,6 @@ class Buffer {
   std::size_t capacity_ = 0;
 };
 
-/// What a chunk may hold at most, uncompressed [bytes]; recorders write 0.8 to 4 MiB.
-constexpr std::uint64_t most_chunk_bytes = std::uint64_t{1} << 30;
-
 /// `bytes`, compressed as `format` ("", "lz4", "zstd") says, which are `size` bytes uncompressed: in `buffer`, or
 /// themselves. A size that so few bytes cannot become takes no memory. Fails with what is wrong, without the file.
 Result<std::string_view> decompress(std::string_view format, std::string_view bytes, std::uint64_t size,

@@ -7,6 +7,8 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/input_file.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/tables/csv.hpp>
@@ -16,7 +18,6 @@
 namespace tribotwin::twin::tables {
 namespace {
 
-constexpr std::size_t longest_line = std::size_t{1} << 24;
 constexpr double nan_value = std::numeric_limits<double>::quiet_NaN();
 
 Error at_line(const std::filesystem::path& file, std::size_t line, const std::string& what) {
@@ -184,7 +185,8 @@ std::size_t CsvLines::count_cells(std::string_view line, char separator) {
 bool CsvLines::read_bytes(std::string& line) {
   if (from_ >= block_.size()) {
     from_ = 0, block_.clear();
-    if (!std::getline(stream_, line)) return false;
+    if (!read_line(stream_, line, limits::csv_line_bytes)) return false;
+    if (line.size() > limits::csv_line_bytes) return true;  // read() refuses it
     if (!line.empty() && line.back() == '\r') line.pop_back();
     if (line.find('\r') == line.npos) return true;
     block_.swap(line);
@@ -198,14 +200,15 @@ bool CsvLines::read_bytes(std::string& line) {
 Result<bool> CsvLines::read(std::string& line) {
   if (!read_bytes(line)) return false;
   ++read_;
+  if (line.size() > limits::csv_line_bytes)
+    return tl::unexpected(at_line(file_, read_,
+                                  fmt::format("is longer than {} MiB, the most that a line of a CSV file has",
+                                              limits::csv_line_bytes / limits::MiB)));
   auto utf8 = to_utf8(std::move(line), read_);
   if (!utf8) return tl::unexpected(fmt::format("{}:{}", file_.string(), utf8.error().message));
   line = std::move(*utf8);
-  if (line.size() > longest_line || line.find('\0') != line.npos)
-    return tl::unexpected(at_line(file_, read_,
-                                  line.size() > longest_line
-                                      ? "is longer than 16 MiB; this is no CSV file"
-                                      : "holds a NUL byte; this is no CSV file in ASCII or UTF-8"));
+  if (line.find('\0') != line.npos)
+    return tl::unexpected(at_line(file_, read_, "holds a NUL byte; this is no CSV file in ASCII or UTF-8"));
   return true;
 }
 

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <matio.h>
 
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/io/tables/source.hpp>
 #include <tribotwin/twin/io/telemetry/hdf5.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -81,8 +82,7 @@ struct Place {
 std::vector<std::size_t> sides_of(const matvar_t& v) { return matrix_sides({v.dims, v.dims + v.rank}); }
 
 void find_matrices(const matvar_t& v, std::vector<std::string> path, std::vector<Place>& out) {
-  constexpr std::size_t deepest = 8;
-  if (path.size() > deepest || v.rank < 2 || !v.dims) return;
+  if (path.size() > limits::struct_depth || v.rank < 2 || !v.dims) return;
   if (number_bytes(v) > 0) {
     if (auto sides = sides_of(v); std::ranges::find(sides, 0u) == sides.end())
       out.push_back({std::move(path), std::move(sides)});
@@ -120,9 +120,8 @@ class MatlabSource final : public ArraySource {
         }
         places_.push_back(std::move(place));
       }
-      constexpr std::size_t most = 100000;
-      if (headers_.size() > most)
-        return tl::unexpected(fmt::format("{}: has more than {} columns", file_.string(), most));
+      if (headers_.size() > limits::array_columns)
+        return tl::unexpected(fmt::format("{}: has more than {} columns", file_.string(), limits::array_columns));
     }
     if (headers_.empty())
       return tl::unexpected(fmt::format("{}: holds no matrix of real numbers, alone or in structs", file_.string()));
@@ -136,9 +135,9 @@ class MatlabSource final : public ArraySource {
       return tl::unexpected(Error(fmt::format("{}: {}: {}", file_.string(), shown(joined(place.path, ".")), why)));
     };
     if (place.sides.size() > 2) return fail(no_matrix(place.sides));
-    if (const auto bytes = bytes_of(place.path.front()); !bytes || *bytes > most_bytes)
-      return fail(fmt::format("is longer than the {} bytes that are read at most", most_bytes));
-    else if (*bytes / best_compression > fs::file_size(file_))
+    if (const auto bytes = bytes_of(place.path.front()); !bytes || *bytes > limits::array_bytes)
+      return fail(fmt::format("is longer than the {} bytes that are read at most", limits::array_bytes));
+    else if (*bytes / limits::best_compression > fs::file_size(file_))
       return fail(
           fmt::format("promises {} bytes of numbers, which a file of {} cannot hold", *bytes, fs::file_size(file_)));
     const hdf5::Hdf5 one_at_a_time;
@@ -171,7 +170,6 @@ class MatlabSource final : public ArraySource {
     return sum;
   }
 
-  static constexpr std::uintmax_t best_compression = 1100;  // of deflate
   fs::path file_;
   Mat mat_;
   std::vector<Place> places_;
@@ -194,8 +192,8 @@ Opened open_matlab(const fs::path& file) {
   if (const auto stream = open_text(file, "a MATLAB file"); !stream) return tl::unexpected(stream.error());
   if (const auto why = cut_off(file)) return tl::unexpected(fmt::format("{}: {}", file.string(), *why));
   const auto whole = hdf5::guarded(file, "is no readable MATLAB file", [&] {
-    if (!hdf5::survives([&] { read_everything(file); }))
-      throw hdf5::Failure("it is damaged so that the library for such files crashes on it");
+    if (!hdf5::survives([&] { read_everything(file); }, hdf5::memory_for(file)))
+      throw hdf5::Failure("it is damaged so that the library for such files crashes on it or wants memory without end");
   });
   if (!whole) return tl::unexpected(Error(whole.error().message));
   auto source = std::make_unique<MatlabSource>(file);

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/io/tables/source.hpp>
 
 namespace tribotwin::twin::tables {
@@ -54,6 +55,8 @@ std::optional<std::uintmax_t> length_v4(Words& words) {
 std::optional<std::string> walk(std::ifstream& stream, Words& words, std::uintmax_t at, std::uintmax_t size,
                                 Length length) {
   for (std::size_t count = 1; at < size; ++count) {
+    if (count > limits::matlab_variables)
+      return fmt::format("holds more than {} variables, the most that are read", limits::matlab_variables);
     stream.seekg(static_cast<std::streamoff>(at));
     const auto bytes = length(words);
     if (!bytes || *bytes > size - at)

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/io/mcap/joint_states.hpp>
 #include <tribotwin/twin/io/tables/source.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -36,7 +37,7 @@ class Topic {
     if (log_time_ns > latest_ns)
       return wrong(fmt::format("message {} of {} has the log_time {} ns; times until {} ns are read",
                                log_ns_.size() + 1, shown(channel.topic), log_time_ns, latest_ns));
-    constexpr std::size_t most_values = most_bytes / sizeof(double) / 2;
+    constexpr std::size_t most_values = limits::array_bytes / sizeof(double) / 2;
     values_ += message_.values.size() + 1;
     if (values_ > most_values) return wrong(fmt::format("{} holds more numbers than are read", shown(channel.topic)));
     const auto row = static_cast<std::uint32_t>(log_ns_.size());

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <zip.h>
 
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/tables/numpy_header.hpp>
 #include <tribotwin/twin/io/tables/source.hpp>
@@ -96,9 +97,9 @@ class NumpySource final : public ArraySource {
   Result<void> open() {
     if (!archive_) return add({.name = "", .entry = -1, .header = {}});
     const auto entries = zip_get_num_entries(archive_.get(), 0);
-    constexpr zip_int64_t most = 10000;
-    if (entries > most)
-      return tl::unexpected(fmt::format("{}: holds {} files; at most {} are read", file_.string(), entries, most));
+    if (entries > std::int64_t{limits::archive_files})
+      return tl::unexpected(
+          fmt::format("{}: holds {} files; at most {} are read", file_.string(), entries, limits::archive_files));
     for (zip_int64_t entry = 0; entry < entries; ++entry) {
       const char* raw = zip_get_name(archive_.get(), static_cast<zip_uint64_t>(entry), ZIP_FL_ENC_RAW);
       std::string name = raw ? raw : "";
@@ -200,7 +201,8 @@ class NumpySource final : public ArraySource {
     if (loaded_ != c.array) {
       std::uintmax_t bytes = array.header.item_bytes;
       for (const std::size_t n : array.header.shape) bytes *= n;
-      if (bytes > most_bytes) return fail(fmt::format("is {} bytes long; at most {} are read", bytes, most_bytes));
+      if (bytes > limits::array_bytes)
+        return fail(fmt::format("is {} bytes long; at most {} are read", bytes, limits::array_bytes));
       auto stream = stream_of(array);
       if (!stream) return tl::unexpected(stream.error());
       std::string skipped(array.header.header_bytes, '\0');

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/tables/column.hpp>
 #include <tribotwin/twin/io/tables/numpy_header.hpp>
@@ -175,8 +176,8 @@ Result<NumpyHeader> read_numpy_header(const std::function<std::size_t(char*, std
   if (!get(start + 8, length_bytes)) return fail("is cut off in its header");
   std::size_t length = 0;
   for (std::size_t i = 0; i < length_bytes; ++i) length |= std::size_t{start[8 + i]} << (8 * i);
-  constexpr std::size_t longest = 1 << 20;
-  if (length > longest) return fail(fmt::format("has a header of {} bytes; at most {} are read", length, longest));
+  if (length > limits::numpy_header_bytes)
+    return fail(fmt::format("has a header of {} bytes; at most {} are read", length, limits::numpy_header_bytes));
   std::string text(length, '\0');
   if (read(text.data(), length) != length) return fail("is cut off in its header");
   const auto literal = LiteralReader(text).whole();

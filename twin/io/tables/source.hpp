@@ -62,9 +62,6 @@ struct Stripe {
 std::vector<Stripe> stripes_of(const std::string& name, std::span<const std::size_t> sides, bool by_column, char open,
                                char close, std::size_t first);
 
-/// What any array may have at most in memory, in bytes.
-constexpr std::uintmax_t most_bytes = std::uintmax_t{4} << 30;
-
 Opened open_csv(const std::filesystem::path& file);
 Opened open_record(const std::filesystem::path& file);
 Opened open_numpy(const std::filesystem::path& file);

@@ -2,11 +2,16 @@
 #include <array>
 #include <csignal>
 #include <cstdio>
+#include <fstream>
+#include <new>
 #include <system_error>
 
+#include <fcntl.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/telemetry/hdf5.hpp>
 
@@ -31,17 +36,65 @@ Hdf5::Hdf5() : lock_(alone ? std::unique_lock<std::recursive_mutex>() : std::uni
 
 Hdf5::~Hdf5() { H5Eset_auto2(H5E_DEFAULT, print_, data_); }
 
-bool survives(const std::function<void()>& work) {
+namespace {
+
+/// In the child: signals end it, whoever catches them in the parent; what libraries say of a crash reaches nobody.
+void be_silent() {
+  for (const int signal : {SIGSEGV, SIGBUS, SIGABRT, SIGFPE, SIGILL}) std::signal(signal, SIG_DFL);
+  const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+  if (nowhere >= 0) ::dup2(nowhere, STDERR_FILENO);
+}
+
+std::uintmax_t peak_bytes() {
+  struct rusage usage {};
+  ::getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::uintmax_t>(usage.ru_maxrss) * limits::KiB;
+}
+
+/// From now on, beyond what there is.
+void limit_memory(std::uintmax_t most_bytes) {
+  std::uintmax_t pages[6] = {};  // size, resident, shared, text, 0, data
+  std::ifstream in("/proc/self/statm");
+  for (auto& count : pages) in >> count;
+  if (!in) return;
+  const rlim_t bytes = pages[5] * static_cast<std::uintmax_t>(::sysconf(_SC_PAGESIZE)) + most_bytes;
+  struct rlimit limit {};
+  ::getrlimit(RLIMIT_DATA, &limit);
+  limit.rlim_cur = std::min<rlim_t>(bytes, limit.rlim_max);
+  ::setrlimit(RLIMIT_DATA, &limit);
+}
+
+/// Whether `work` did with that much memory. A library that was refused some goes on with an error of its own.
+bool does_with(const std::function<void()>& work, std::uintmax_t most_bytes) {
+  limit_memory(most_bytes);
+  const std::uintmax_t before = peak_bytes();
+  errno = 0;
+  try {
+    work();
+  } catch (const std::bad_alloc&) {
+    return false;
+  } catch (...) {  // the caller meets the same failure
+  }
+  return errno != ENOMEM && peak_bytes() - before <= most_bytes;
+}
+
+}  // namespace
+
+std::uintmax_t memory_for(const fs::path& file) {
+  std::error_code error;
+  const auto size = fs::file_size(file, error);
+  if (error) return limits::library_bytes;
+  return limits::library_bytes + std::min(2 * limits::array_bytes, 2 * size * limits::best_compression);
+}
+
+bool survives(const std::function<void()>& work, std::uintmax_t most_bytes) {
   const std::lock_guard whole(mutex);  // so that no other thread is inside HDF5 when the child is made
   const pid_t child = ::fork();
   if (child < 0) throw Failure(system_reason(errno));
   if (child == 0) {
     alone = true;
-    try {
-      work();
-    } catch (...) {  // the caller meets the same failure
-    }
-    ::_exit(0);
+    be_silent();
+    ::_exit(does_with(work, most_bytes) ? 0 : 1);
   }
   int state = 0;
   while (::waitpid(child, &state, 0) < 0) {
@@ -51,7 +104,7 @@ bool survives(const std::function<void()>& work) {
     ::waitpid(child, &state, 0);
     throw Failure("interrupted");
   }
-  return !WIFSIGNALED(state);
+  return WIFEXITED(state) && WEXITSTATUS(state) == 0;
 }
 
 std::string hdf5_reason() {
@@ -90,7 +143,10 @@ namespace {
 std::string read_text(hid_t attribute) {
   const Id type(H5Aget_type(attribute), H5Tclose);
   if (H5Tget_class(type) != H5T_STRING || check(H5Tis_variable_str(type))) return {};
-  std::string value(H5Tget_size(type), '\0');
+  const std::size_t size = H5Tget_size(type);
+  if (size > limits::hdf5_text_bytes)
+    throw Failure(fmt::format("an attribute has {} bytes; at most {} are read", size, limits::hdf5_text_bytes));
+  std::string value(size, '\0');
   check(H5Aread(attribute, type, value.data()));
   value.resize(std::min(value.find('\0'), value.size()));
   return value;

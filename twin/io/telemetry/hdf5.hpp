@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cerrno>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <mutex>
@@ -68,8 +69,12 @@ class Hdf5 {
 };
 
 /// What `work` does in a child process, which inherits the lock on HDF5: false where the child was ended by a signal,
-/// as HDF5 1.10 is by some damaged files. The child's result is otherwise ignored.
-bool survives(const std::function<void()>& work);
+/// as HDF5 1.10 is by some damaged files, or wanted more memory than `most_bytes`. The child's result is otherwise
+/// ignored, and it says nothing.
+bool survives(const std::function<void()>& work, std::uintmax_t most_bytes);
+
+/// The memory that reading a file may take: all that it can hold, compressed, twice, and limits::library_bytes.
+std::uintmax_t memory_for(const fs::path& file);
 
 /// HDF5's innermost reason for the last failure. The next HDF5 call, closing an id included, clears it.
 std::string hdf5_reason();

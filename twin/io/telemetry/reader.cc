@@ -3,6 +3,8 @@
 #include <cstdint>
 #include <tuple>
 
+#include <tribotwin/plugins/friction/input_file.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/io/telemetry/reader.hpp>
 
 namespace tribotwin::twin {
@@ -40,6 +42,8 @@ std::vector<std::string> link_names(hid_t group) {
     return check(length >= 0 ? length
                              : H5Lget_name_by_idx(group, ".", H5_INDEX_NAME, H5_ITER_INC, n, text, size, H5P_DEFAULT));
   };
+  if (info.nlinks > limits::hdf5_links)
+    throw Failure(fmt::format("has {} entries in a group; at most {} are read", info.nlinks, limits::hdf5_links));
   for (hsize_t n = 0; n < info.nlinks; ++n) {
     names.emplace_back(get(n, nullptr, 0), '\0');
     get(n, names.back().data(), names.back().size() + 1);
@@ -50,9 +54,21 @@ std::vector<std::string> link_names(hid_t group) {
   return names;
 }
 
+/// Throws Failure where HDF5 would take any memory for the numbers that the data set promises.
+void check_storage(hid_t dataset, hid_t properties) {
+  const Id type(H5Dget_type(dataset), H5Tclose);
+  const std::size_t bytes = H5Tget_size(type);
+  if (const auto kind = H5Tget_class(type);
+      (kind != H5T_FLOAT && kind != H5T_INTEGER) || bytes == 0 || bytes > sizeof(double))
+    throw Failure("does not hold numbers");
+  hsize_t rows = 0;
+  if (H5Pget_layout(properties) == H5D_CHUNKED && H5Pget_chunk(properties, 1, &rows) == 1 &&
+      rows > limits::hdf5_chunk_bytes / bytes)
+    throw Failure(fmt::format("has chunks of {} rows; at most {} bytes are read", rows, limits::hdf5_chunk_bytes));
+}
+
 /// A dataset and its length, which is checked against the file's size before memory of that size is allocated.
 std::pair<Id, hsize_t> open_column(hid_t parent, const std::string& name, std::uintmax_t file_bytes) {
-  constexpr std::uintmax_t best_compression = 1100;  // of deflate, in case the file was repacked
   try {
     Id dataset(H5Dopen2(parent, name.c_str(), H5P_DEFAULT), H5Dclose);
     const Id space(H5Dget_space(dataset), H5Sclose), properties(H5Dget_create_plist(dataset), H5Pclose);
@@ -60,8 +76,9 @@ std::pair<Id, hsize_t> open_column(hid_t parent, const std::string& name, std::u
       throw Failure("is stored in other files");
     if (H5Sget_simple_extent_ndims(space) != 1) throw Failure("has not one dimension");
     const hssize_t rows = check(H5Sget_simple_extent_npoints(space));
-    if (static_cast<std::uintmax_t>(rows) / best_compression > file_bytes / sizeof(double))
+    if (static_cast<std::uintmax_t>(rows) / limits::best_compression > file_bytes / sizeof(double))
       throw Failure("is longer than the file");
+    check_storage(dataset, properties);
     return {std::move(dataset), rows};
   } catch (const Failure& e) {
     throw Failure(fmt::format("'{}': {}", name, e.what()));
@@ -208,9 +225,10 @@ Status probe(const fs::path& path) {
   if (!fs::exists(path, error))
     return tl::unexpected(
         fmt::format("{}: {}", path.string(), error ? "cannot be read (" + error.message() + ")" : "does not exist"));
+  if (auto ok = check_input_file(path, "an HDF5 record", limits::any_length, Pipes::refuse); !ok) return ok;
   return guarded(path, no_record, [&] {
-    if (!survives([&] { read_everything(path); }))
-      throw Failure("the file is damaged so that the HDF5 library crashes on it");
+    if (!survives([&] { read_everything(path); }, memory_for(path)))
+      throw Failure("the file is damaged so that the HDF5 library crashes on it or wants memory without end");
   });
 }
 
@@ -239,6 +257,7 @@ Result<Recording> read_telemetry(const std::filesystem::path& path) {
     Reader r = open_record(path);
     const auto load = [&](const Columns& columns, std::vector<double>& time_s, auto& values) {
       const auto column = [&](const Id& dataset) {
+        require_stored(r, dataset, 0, columns.rows);  // before memory for them is taken
         std::vector<double> data(columns.rows);
         read_rows(r, dataset, 0, data);
         return data;

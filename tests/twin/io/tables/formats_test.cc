@@ -9,6 +9,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <matio.h>
+#include <sys/resource.h>
 #include <unistd.h>
 #include <zip.h>
 
@@ -250,6 +251,20 @@ TEST_F(Formats, MatlabThatIsWrongIsRefused) {
     changed.replace(at, dims.size(), bytes_of<std::int32_t>({rows, 2}));
     EXPECT_THAT(read(write("c.mat", changed), "q(:,1)", "q(:,2)").error().message, HasSubstr(says)) << rows;
   }
+}
+
+/// A list of so many cells: libmatio takes memory for each.
+TEST_F(Formats, MatlabThatPromisesCellsTakesNoMemory) {
+  const auto words = [](std::initializer_list<std::uint32_t> all) {
+    return std::string(reinterpret_cast<const char*>(all.begin()), all.size() * sizeof(std::uint32_t));
+  };
+  constexpr std::uint32_t matrix_type = 14, cells_class = 1;
+  std::string mat = "MATLAB 5.0 MAT-file" + std::string(105, ' ') + std::string("\x00\x01IM", 4);
+  mat += words({matrix_type, 48, 6, 8, cells_class, 0, 5, 8, 1U << 27, 1, 1, 1, 'c', 0});
+  EXPECT_THAT(refusal(write("cells.mat", mat)), AllOf(HasSubstr("cells.mat"), HasSubstr("wants memory without end")));
+  rusage usage{};
+  ::getrusage(RUSAGE_SELF, &usage);
+  EXPECT_LT(usage.ru_maxrss, 512 * 1024) << "KiB";
 }
 
 /// libmatio gives what is before the cut, and says nothing.

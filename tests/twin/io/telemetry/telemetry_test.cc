@@ -325,11 +325,39 @@ TEST_F(TelemetryTest, ARecordThatRefersToOtherFilesIsRefused) {
   }
 }
 
+TEST_F(TelemetryTest, ARecordThatPromisesTooMuchTakesNoMemory) {
+  const std::pair<const char*, const char*> cases[] = {
+      {"f['one'].create_dataset('b', shape=(1 << 40,), chunks=(1024,), dtype='f8')", "is longer than the file"},
+      {"f['one'].create_dataset('b', shape=(10,), maxshape=(None,), chunks=(1 << 28,), dtype='f8')",
+       "has chunks of 268435456 rows"},
+      {"f['one'].create_dataset('b', shape=(10,), dtype='S70000')", "does not hold numbers"},
+      {"f['one']['b'] = f['one']['a'][:]; f['one']['b'].attrs['unit'] = np.bytes_(b'x' * (1 << 21))",
+       "at most 1048576 are read"}};
+  {
+    auto t = Telemetry::create(file, options({"one"}));
+    for (int i = 0; i < 10; ++i) ASSERT_TRUE(t->append(i, Values{1, 2}));
+    ASSERT_TRUE(t->finish());
+  }
+  const fs::path good = folder / "good.h5";
+  fs::copy_file(file, good);
+  for (const auto& [change, says] : cases) {
+    fs::copy_file(good, file, fs::copy_options::overwrite_existing);
+    std::ofstream(folder / "change.py") << fmt::format(
+        "import h5py, numpy as np\nf = h5py.File('{}', 'r+', libver='latest')\ndel f['one']['b']\n{}\nf.close()\n",
+        file.string(), change);
+    ASSERT_EQ(std::system(fmt::format("/usr/bin/python3 '{}'", (folder / "change.py").string()).c_str()), 0);
+    EXPECT_THAT(read_telemetry(file).error().message, HasSubstr(says)) << change;
+  }
+}
+
 TEST_F(TelemetryTest, ACrashInTheLibraryIsFoundByAChild) {
-  EXPECT_TRUE(hdf5::survives([] {}));
-  EXPECT_TRUE(hdf5::survives([] { throw std::runtime_error("not a crash"); }));
-  EXPECT_FALSE(hdf5::survives([] { std::abort(); }));
-  EXPECT_FALSE(hdf5::survives([] { raise(SIGKILL); }));
+  const auto survives = [](const std::function<void()>& work) { return hdf5::survives(work, std::uintmax_t{1} << 24); };
+  EXPECT_TRUE(survives([] {}));
+  EXPECT_TRUE(survives([] { throw std::runtime_error("not a crash"); }));
+  EXPECT_FALSE(survives([] { std::abort(); }));
+  EXPECT_FALSE(survives([] { raise(SIGKILL); }));
+  EXPECT_TRUE(survives([] { std::vector<char>(std::size_t{1} << 22, 'x'); }));
+  EXPECT_FALSE(survives([] { std::vector<char>(std::size_t{1} << 26, 'x'); }));
 }
 
 // For any changed byte: an error, or the same values. Where HDF5 itself crashes, the child does.

@@ -1,0 +1,56 @@
+#!/usr/bin/env bash
+# fuzz.sh [-s SECONDS] [-b BUILD] [-c CORPUS] [READER..]: libFuzzer on each reader (default: all) for so many seconds
+# (20), one after another. Inputs that reach something new are merged into CORPUS/READER (tests/fuzz/corpus), the
+# smallest first; what crashes, takes more than a second or 512 MiB lies in BUILD/fuzz-found and makes the exit code 1.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
+seconds=20 build=$root/build/fuzz corpus=$root/tests/fuzz/corpus
+while getopts s:b:c: option; do
+  case $option in
+    s) seconds=$OPTARG ;;
+    b) build=$OPTARG ;;
+    c) corpus=$OPTARG ;;
+    *) sed -n '2,4s/^# //p' "$0" >&2; exit 2 ;;
+  esac
+done
+shift $((OPTIND - 1))
+declare -A program_of
+for program in "$build"/tests/fuzz_{formats,readers}; do
+  [ ! -x "$program" ] || for reader in $("$program"); do program_of[$reader]=$program; done
+done
+[ ${#program_of[@]} -gt 0 ] || { echo "$build: cmake --preset fuzz && cmake --build --preset fuzz" >&2; exit 2; }
+if [ $# -gt 0 ]; then readers=("$@"); else mapfile -t readers < <(printf '%s\n' "${!program_of[@]}" | sort); fi
+
+# What a reader begins with: its own corpus, or files that ship.
+seeds_of() {
+  case $1 in
+    scenario | plan | campaign | days | study) echo "$root/twin/scenarios" ;;
+    mjcf) echo "$root/mjcf" ;;
+    urdf) echo "$root/tests/twin/gears" ;;
+    friction) echo "$root/tests/fuzz/corpus/dynamics" ;;
+    *) echo "$root/tests/fuzz/corpus/$1" ;;
+  esac
+}
+
+found=$build/fuzz-found
+mkdir -p "$found"
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+# Leaks are those of HDF5 and the engine; a child that reads a damaged file first ends as it must (twin/io/telemetry).
+limits=(-rss_limit_mb=512 -malloc_limit_mb=4096 -timeout=1 -detect_leaks=0 -max_len=65536 -print_final_stats=1)
+failed=0
+printf '%-14s %12s %10s %10s  %s\n' reader executions features corpus found
+for reader in "${readers[@]}"; do
+  program=${program_of[$reader]:?no such reader}
+  fresh=$work/$reader log=$work/$reader.log
+  mkdir -p "$fresh" "$corpus/$reader"
+  outcome=nothing
+  "$program" "$reader" "${limits[@]}" -max_total_time="$seconds" -artifact_prefix="$found/$reader-" \
+    "$fresh" "$corpus/$reader" "$(seeds_of "$reader")" > "$log" 2>&1 ||
+    { outcome="see $found/$reader.log"; cp "$log" "$found/$reader.log"; failed=1; }
+  "$program" "$reader" "${limits[@]}" -merge=1 "$corpus/$reader" "$fresh" > "$work/merge.log" 2>&1 || true
+  printf '%-14s %12s %10s %10s  %s\n' "$reader" "$(awk '/number_of_executed_units/ {print $2}' "$log")" \
+    "$(grep -o 'ft: [0-9]*' "$log" | tail -1 | cut -c5-)" "$(find "$corpus/$reader" -type f | wc -l)" "$outcome"
+  rmdir --ignore-fail-on-non-empty "$corpus/$reader"
+done
+exit $failed
