@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include <fmt/format.h>
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
