@@ -10,6 +10,7 @@
 #include <tribotwin/hil/can/words.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/plugins/friction/reading.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -202,7 +203,10 @@ Result<SessionReader> SessionReader::open(const fs::path& file) {
   reader.file_ = file;
   reader.in_.open(file);
   if (!reader.in_) return tl::unexpected(fmt::format("{}: cannot be read", file.string()));
-  if (auto ok = reader.read_head(); !ok) return tl::unexpected(ok.error());
+  if (auto ok = reader.read_head(); !ok) {
+    if (reader.in_.bad()) return not_read(file.string());
+    return tl::unexpected(ok.error());
+  }
   return reader;
 }
 
@@ -300,7 +304,10 @@ Result<Wiring> recorded_wiring(const fs::path& log) {
 Result<bool> SessionReader::next(Turn& turn) {
   std::string line;
   if (complete_) return false;
-  if (!std::getline(in_, line)) return false;
+  if (!std::getline(in_, line)) {
+    if (in_.bad()) return not_read(file_.string());
+    return false;
+  }
   ++line_;
   if (line == last_line) return complete_ = true, false;
   if (in_.eof()) return false;  // the last line of a session that was killed

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cerrno>
 #include <cstring>
 #include <fstream>
 #include <optional>
@@ -10,6 +11,7 @@
 
 #include <tribotwin/plugins/friction/law.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/plugins/friction/reading.hpp>
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
@@ -164,9 +166,9 @@ Result<std::string> read_text(const std::filesystem::path& file) {
     return tl::unexpected(fmt::format("{}: is a folder, not an MJCF file", file.string()));
   std::ifstream stream(file, std::ios::binary);
   if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
-  std::ostringstream text;
-  text << stream.rdbuf();
-  auto utf8 = to_utf8(text.str());
+  auto text = rest_of(stream);
+  if (!text) return not_read(file.string());
+  auto utf8 = to_utf8(std::move(*text));
   if (!utf8) return tl::unexpected(fmt::format("{}:{}", file.string(), utf8.error().message));
   return utf8;
 }
@@ -186,7 +188,7 @@ Result<std::vector<Source>> read_sources(std::string name, std::string text, con
       if (std::ranges::any_of(sources, [&](const Source& s) { return s.name == path; }))
         return tl::unexpected(where + ": this file is included twice");
       const auto included = read_text(path);
-      if (!included) return tl::unexpected(where + ": " + included.error().message);
+      if (!included) return tl::make_unexpected(Error(where + ": " + included.error().message, included.error().kind));
       auto source = parse(path, *included);
       if (!source) return tl::unexpected(source.error());
       sources.push_back(std::move(*source));

@@ -7,7 +7,6 @@
 #include <fstream>
 #include <iterator>
 #include <optional>
-#include <sstream>
 #include <utility>
 
 #include <fcntl.h>
@@ -16,6 +15,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <tribotwin/plugins/friction/reading.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
@@ -177,17 +177,20 @@ Status write_unforced(const fs::path& file, std::string_view bytes) {
 
 Result<std::string> read_bytes(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
-  std::ostringstream bytes;
-  if (stream) bytes << stream.rdbuf();
-  if (!stream || bytes.bad())
-    return work_failed(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
-  return std::move(bytes).str();
+  auto bytes = stream ? rest_of(stream) : std::nullopt;
+  if (!bytes) return work_failed(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
+  return *std::move(bytes);
 }
 
 Status write_derived(const fs::path& file, std::string_view bytes, Existing existing) {
-  std::ifstream stream(file, std::ios::binary);
-  if (stream && std::equal(std::istreambuf_iterator<char>(stream), {}, bytes.begin(), bytes.end())) return {};
-  if (stream.is_open() && existing == Existing::refuse)
+  std::error_code error;
+  const bool is_there = fs::exists(file, error);
+  if (is_there) {
+    const auto old = read_bytes(file);
+    if (!old) return tl::unexpected(old.error());
+    if (*old == bytes) return {};
+  }
+  if (is_there && existing == Existing::refuse)
     return tl::unexpected(
         fmt::format("{}: was changed since it was made; move it away, or replace it with --force", file.string()));
   return write_file(file, bytes, existing);

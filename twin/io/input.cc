@@ -199,7 +199,7 @@ void Mapping::accept(const std::vector<std::string_view>& accepted) const {
 void Mapping::done() const { accept({known_.begin(), known_.end()}); }
 
 YAML::Node load_yaml(const std::filesystem::path& file) {
-  const std::string text = or_wrong_input(read_text(file, "a YAML file"));
+  const std::string text = or_throw(read_text(file, "a YAML file"));
   try {
     YAML::Node node = YAML::Load(text);
     if (!node.IsMap())

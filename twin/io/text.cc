@@ -2,13 +2,13 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
-#include <iterator>
 #include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/plugins/friction/reading.hpp>
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -37,14 +37,20 @@ Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_v
     return tl::unexpected(fmt::format("{}: is a folder, not {}", file.string(), kind));
   if (is_named_pipe(file)) return open_from_writer(file);
   std::ifstream stream(file, std::ios::binary);
-  if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
+  const int why = errno;
+  if (!stream)
+    return tl::make_unexpected(
+        Error(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(why)),
+              why == EMFILE || why == ENFILE || why == ENOMEM || why == EIO ? ErrorKind::work : ErrorKind::input));
   return stream;
 }
 
 Result<std::string> read_text(const std::filesystem::path& file, std::string_view kind) {
   auto stream = open_text(file, kind);
   if (!stream) return tl::unexpected(stream.error());
-  auto text = to_utf8(std::string(std::istreambuf_iterator<char>(*stream), {}));
+  auto bytes = rest_of(*stream);
+  if (!bytes) return not_read(file.string());
+  auto text = to_utf8(std::move(*bytes));
   if (!text) return tl::unexpected(fmt::format("{}:{}", file.string(), text.error().message));
   return text;
 }

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/plugins/friction/reading.hpp>
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/io/tables/csv.hpp>
 #include <tribotwin/twin/io/tables/source.hpp>
@@ -196,7 +197,7 @@ bool CsvLines::read_bytes(std::string& line) {
 }
 
 Result<bool> CsvLines::read(std::string& line) {
-  if (!read_bytes(line)) return false;
+  if (!read_bytes(line)) return stream_.bad() ? Result<bool>(not_read(file_.string())) : false;
   ++read_;
   auto utf8 = to_utf8(std::move(line), read_);
   if (!utf8) return tl::unexpected(fmt::format("{}:{}", file_.string(), utf8.error().message));
