@@ -8,7 +8,7 @@
                          open         the N-th opening of a file of the folder, with EMFILE
                          sync         the N-th fsync, fdatasync or syncfs, with EIO
                          memory       the N-th allocation after the beginning of main(), with a null pointer
-                         interrupted  every read, write, opening and wait once, with EINTR; then it works
+                         interrupted  every second read, write and wait, at random, with EINTR
                          short        every read and write of more than a byte moves half of it
                          clock_back, clock_forth   from the N-th look on the wall clock is 30 days off
    FAULTY_MACHINE_AT     N, from 1; 0 or absent: nothing of the first four fails
@@ -139,16 +139,15 @@ static bool fails_of(enum fault kind, const char* call, int fd, int error) {
   return fails_at(kind, call, path, error);
 }
 
-/* Every second call of a thread is interrupted, so that each works when it is made again. */
+/* At random, for a loop of two calls would meet every second one for ever; the same from run to run. */
 static bool is_interrupted(void) {
-  static _Thread_local bool before;
+  static _Thread_local unsigned random = 1;
   if (!started || fault != interrupted) return false;
-  before = !before;
-  if (before) {
-    atomic_fetch_add(count, 1);
-    errno = EINTR;
-  }
-  return before;
+  random = random * 1664525u + 1013904223u;
+  if (random < 1u << 31) return false;
+  atomic_fetch_add(count, 1);
+  errno = EINTR;
+  return true;
 }
 static size_t moved(size_t size) {
   if (!started || fault != short_moves || size < 2) return size;
