@@ -91,7 +91,7 @@ std::vector<NamedFile> NodeOptions::inputs() const {
 StartConditions NodeOptions::conditions() const {
   StartConditions conditions{.unconfigured = unconfigured};
   const auto add = [&](StartFile::Kind kind, const std::string& file, const char* what) {
-    conditions.files.push_back({kind, file, twin::or_wrong_input(twin::read_text(file, what))});
+    conditions.files.push_back({kind, file, twin::or_throw(twin::read_text(file, what))});
   };
   if (!eds.empty()) add(StartFile::Kind::eds, eds, "an EDS or DCF");
   for (const std::string& dcf : dcfs) add(StartFile::Kind::dcf, dcf, "an EDS or DCF");

@@ -204,7 +204,10 @@ Result<SessionReader> SessionReader::open(const fs::path& file) {
   auto stream = twin::open_text(file, "a session file");
   if (!stream) return tl::unexpected(stream.error());
   reader.in_ = std::move(*stream);
-  if (auto ok = reader.read_head(); !ok) return tl::unexpected(ok.error());
+  if (auto ok = reader.read_head(); !ok) {
+    if (reader.in_.bad()) return not_read(file.string());
+    return tl::unexpected(ok.error());
+  }
   return reader;
 }
 
@@ -303,7 +306,10 @@ Result<Wiring> recorded_wiring(const fs::path& log) {
 Result<bool> SessionReader::next(Turn& turn) {
   std::string line;
   if (complete_) return false;
-  if (!read_line(in_, line, limits::session_line_bytes)) return false;
+  if (!read_line(in_, line, limits::session_line_bytes)) {
+    if (in_.bad()) return not_read(file_.string());
+    return false;
+  }
   ++line_;
   if (line == last_line) return complete_ = true, false;
   if (in_.eof()) return false;  // the last line of a session that was killed

@@ -185,6 +185,7 @@ Result<DbcFile> read_dbc(const std::filesystem::path& file) {
     if (auto ok = reader.take(text, line); !ok)
       return tl::unexpected(fmt::format("{}:{}: {}", file.string(), line, ok.error().message));
   }
+  if (stream->bad()) return not_read(file.string());
   if (reader.messages.empty())
     return tl::unexpected(fmt::format("{}: no message (BO_): is it a DBC file?", file.string()));
   return DbcFile{file, std::move(reader.messages)};

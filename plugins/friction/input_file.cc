@@ -45,16 +45,21 @@ Result<void> check_input_file(const std::filesystem::path& file, std::string_vie
   return {};
 }
 
-Result<std::string> read_at_most(std::istream& stream, std::uintmax_t most_bytes) {
+tl::unexpected<Error> not_read(std::string_view file) {
+  return work_failed(fmt::format("{}: cannot be read to its end ({})", file, std::strerror(errno)));
+}
+
+Result<std::string> read_at_most(std::istream& stream, std::string_view file, std::uintmax_t most_bytes) {
   constexpr std::size_t step = std::size_t{1} << 16;
   std::string bytes;
   while (stream) {
     const std::size_t before = bytes.size();
-    if (before > most_bytes) return tl::unexpected(Error(too_long(most_bytes)));
+    if (before > most_bytes) return tl::unexpected(fmt::format("{}: {}", file, too_long(most_bytes)));
     bytes.resize(before + std::min<std::uintmax_t>(std::max(step, before), most_bytes - before + 1));
     stream.read(bytes.data() + before, static_cast<std::streamsize>(bytes.size() - before));
     bytes.resize(before + static_cast<std::size_t>(stream.gcount()));
   }
+  if (stream.bad()) return not_read(file);
   return bytes;
 }
 
@@ -62,11 +67,9 @@ Result<std::string> read_input_file(const std::filesystem::path& file, std::stri
                                     std::uintmax_t most_bytes) {
   if (auto ok = check_input_file(file, kind, most_bytes, Pipes::refuse); !ok) return tl::unexpected(ok.error());
   std::ifstream stream(file, std::ios::binary);
-  auto bytes = read_at_most(stream, most_bytes);
-  if (!stream.is_open() || stream.bad())
-    return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
-  if (!bytes) return tl::unexpected(fmt::format("{}: {}", file.string(), bytes.error().message));
-  return bytes;
+  const int why = errno;
+  if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(why)));
+  return read_at_most(stream, file.string(), most_bytes);
 }
 
 bool read_line(std::istream& stream, std::string& line, std::size_t most_bytes) {

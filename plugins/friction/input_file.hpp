@@ -19,8 +19,13 @@ enum class Pipes { refuse, accept };
 Result<void> check_input_file(const std::filesystem::path& file, std::string_view kind, std::uintmax_t most_bytes,
                               Pipes pipes);
 
-/// The rest of the stream. Fails without the file's name where that is more than `most_bytes`; takes no more memory.
-Result<std::string> read_at_most(std::istream& stream, std::uintmax_t most_bytes);
+/// "FILE: cannot be read to its end (reason)", failed work; at once after reading failed, for the reason is errno. A
+/// stream is bad() then; loops of getline take that for the end.
+tl::unexpected<Error> not_read(std::string_view file);
+
+/// The rest of the stream. Fails where that is more than `most_bytes`, of which it takes no more memory, and where the
+/// machine cannot read on.
+Result<std::string> read_at_most(std::istream& stream, std::string_view file, std::uintmax_t most_bytes);
 
 /// All bytes of a regular file. Fails with the file's name.
 Result<std::string> read_input_file(const std::filesystem::path& file, std::string_view kind,

@@ -246,7 +246,7 @@ Result<std::vector<Source>> read_sources(std::string name, std::string text, con
       if (std::ranges::any_of(sources, [&](const Source& s) { return s.name == path; }))
         return tl::unexpected(where + ": this file is included twice");
       const auto included = read_text(path);
-      if (!included) return tl::unexpected(where + ": " + included.error().message);
+      if (!included) return tl::make_unexpected(Error(where + ": " + included.error().message, included.error().kind));
       auto source = parse(path, *included);
       if (!source) return tl::unexpected(source.error());
       sources.push_back(std::move(*source));

@@ -523,7 +523,7 @@ Result<DiagnosisData> load_diagnosis(const std::filesystem::path& healthy,
                                      const std::vector<std::filesystem::path>& data, ObservationOptions read,
                                      const DiagnosisOptions& options) try {
   DiagnosisData d{.file = healthy, .healthy = twin::or_wrong_input(read_healthy(healthy)), .options = options};
-  d.text = twin::or_wrong_input(twin::read_text(healthy, "a file"));
+  d.text = twin::or_throw(twin::read_text(healthy, "a file"));
   read.load_sensitivity = d.healthy.load_sensitivity;
   if (!(read.torque_max_nm > 0)) read.torque_max_nm = d.healthy.torque_max_nm;
   for (const auto& file : data) {

@@ -27,8 +27,7 @@ void add_files(Fingerprint& all, const YAML::Node& node) {
   if (!node.IsScalar() || !node.Scalar().starts_with('/') || node.Scalar().ends_with(".xml")) return;
   std::error_code error;
   if (!fs::is_regular_file(node.Scalar(), error)) return;
-  std::ifstream file(node.Scalar(), std::ios::binary);
-  all.add(std::string(std::istreambuf_iterator<char>(file), {}));
+  all.add(or_fail(read_bytes(node.Scalar())));
 }
 
 /// First line of what is announced.

@@ -183,9 +183,14 @@ Result<std::string> read_bytes(const fs::path& file) {
 }
 
 Status write_derived(const fs::path& file, std::string_view bytes, Existing existing) {
-  std::ifstream stream(file, std::ios::binary);
-  if (stream && std::equal(std::istreambuf_iterator<char>(stream), {}, bytes.begin(), bytes.end())) return {};
-  if (stream.is_open() && existing == Existing::refuse)
+  std::error_code error;
+  const bool is_there = fs::exists(file, error);
+  if (is_there) {
+    const auto old = read_bytes(file);
+    if (!old) return tl::unexpected(old.error());
+    if (*old == bytes) return {};
+  }
+  if (is_there && existing == Existing::refuse)
     return tl::unexpected(
         fmt::format("{}: was changed since it was made; move it away, or replace it with --force", file.string()));
   return write_file(file, bytes, existing);

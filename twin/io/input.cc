@@ -294,7 +294,7 @@ YAML::Node parse_yaml(const std::string& text, const std::string& where) {
 }  // namespace
 
 YAML::Node load_yaml(const std::filesystem::path& file) {
-  const std::string text = or_wrong_input(read_text(file, "a YAML file"));
+  const std::string text = or_throw(read_text(file, "a YAML file"));
   if (text.size() > limits::yaml_bytes)
     throw InputError(fmt::format("{}: has {} bytes; at most {} are read of a YAML file", file.string(), text.size(),
                                  limits::yaml_bytes));

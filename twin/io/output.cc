@@ -1,7 +1,10 @@
+#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
+#include <exception>
+#include <new>
 #include <utility>
 
 #include <fcntl.h>
@@ -37,9 +40,28 @@ void erase_progress() {
   if (std::exchange(progress_shown, false)) (void)write_all(STDERR_FILENO, "\r\033[K");
 }
 
+/// An exception that nothing caught. Takes no memory: there may be none.
+[[noreturn]] void give_up() {
+  bool no_memory = false;
+  std::string_view why = "an error of the program itself, which it does not handle";
+  try {
+    if (const auto error = std::current_exception()) std::rethrow_exception(error);
+  } catch (const std::bad_alloc&) {
+    no_memory = true;
+    why = "out of memory";
+  } catch (...) {
+  }
+  for (const std::string_view text :
+       {std::string_view(program_invocation_short_name), std::string_view(": "), why, std::string_view("\n")})
+    (void)write_all(STDERR_FILENO, text);
+  if (!no_memory) std::abort();  // with what a debugger can read
+  std::_Exit(failed);
+}
+
 }  // namespace
 
 void prepare_streams() {
+  std::set_terminate(give_up);
   for (const int signal : {SIGPIPE, SIGXFSZ}) std::signal(signal, SIG_IGN);
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
     if (::fcntl(stream, F_GETFD) < 0) (void)::open("/dev/null", stream == STDIN_FILENO ? O_WRONLY : O_RDONLY);

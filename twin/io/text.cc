@@ -36,7 +36,11 @@ Result<std::ifstream> open_text(const std::filesystem::path& file, std::string_v
   if (auto ok = check_input_file(file, kind, limits::any_length, Pipes::accept); !ok) return tl::unexpected(ok.error());
   if (is_named_pipe(file)) return open_from_writer(file);
   std::ifstream stream(file, std::ios::binary);
-  if (!stream) return tl::unexpected(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(errno)));
+  const int why = errno;
+  if (!stream)
+    return tl::make_unexpected(
+        Error(fmt::format("{}: cannot be read ({})", file.string(), std::strerror(why)),
+              why == EMFILE || why == ENFILE || why == ENOMEM || why == EIO ? ErrorKind::work : ErrorKind::input));
   return stream;
 }
 
@@ -44,8 +48,8 @@ Result<std::string> read_text(const std::filesystem::path& file, std::string_vie
   if (auto ok = check_input_file(file, kind, limits::text_bytes, Pipes::accept); !ok) return tl::unexpected(ok.error());
   auto stream = open_text(file, kind);
   if (!stream) return tl::unexpected(stream.error());
-  auto bytes = read_at_most(*stream, limits::text_bytes);
-  if (!bytes) return tl::unexpected(fmt::format("{}: {}", file.string(), bytes.error().message));
+  auto bytes = read_at_most(*stream, file.string(), limits::text_bytes);
+  if (!bytes) return bytes;
   auto text = to_utf8(std::move(*bytes));
   if (!text) return tl::unexpected(fmt::format("{}:{}", file.string(), text.error().message));
   return text;

@@ -1,6 +1,9 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <fstream>
 #include <iterator>
+#include <string_view>
 
 #include <fmt/format.h>
 
@@ -57,11 +60,21 @@ void add_joints(RunData& run) {
   }
 }
 
+/// Whether a file may be HDF5; what is none may be of any size.
+bool begins_as_hdf5(const fs::path& file) {
+  constexpr std::string_view signature = "\x89HDF\r\n\x1a\n";
+  std::error_code error;
+  if (!fs::is_regular_file(file, error)) return false;
+  std::array<char, signature.size()> begin{};
+  std::ifstream(file, std::ios::binary).read(begin.data(), begin.size());
+  return std::string_view(begin.data(), begin.size()) == signature;
+}
+
 /// What of a record is proven, from a copy of it; the sentence about its damage.
 std::string take_part(RunData& run, const fs::path& telemetry, const std::string& why) {
   const twin::TemporaryFolder folder("tribotwin-report");
   const fs::path& copy = folder.path();
-  if (copy.empty()) return why;
+  if (copy.empty() || !begins_as_hdf5(telemetry)) return why;
   std::error_code error;
   fs::copy_file(telemetry, copy / "telemetry.h5", error);
   const auto recovered = error ? tl::unexpected(Error(error.message())) : twin::recover(copy);

@@ -165,5 +165,11 @@ TEST_F(SessionFile, LiesBesideRegularFilesOnly) {
   for (const char* none : {"", "/dev/null", "/tmp"}) EXPECT_EQ(session_file_of(none), "");
 }
 
+TEST_F(SessionFile, ThatCannotBeReadIsNoEmptyOne) {
+  const auto session = SessionReader::open("/proc/self/mem");  // address 0: reading fails
+  ASSERT_FALSE(session);
+  EXPECT_THAT(session.error().message, HasSubstr("cannot be read to its end (Input/output error)"));
+}
+
 }  // namespace
 }  // namespace tribotwin::hil

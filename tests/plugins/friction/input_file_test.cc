@@ -60,10 +60,10 @@ TEST_F(InputFile, LongFilesAreRefusedByTheirLength) {
 TEST(ReadAtMost, StopsAtTheLimit) {
   for (const std::size_t size : {0, 1, 9, 10, 11, 1000, 70000, 140000}) {
     std::istringstream stream(std::string(size, 'x'));
-    const auto bytes = read_at_most(stream, 10);
+    const auto bytes = read_at_most(stream, "a", 10);
     EXPECT_EQ(bytes.has_value(), size <= 10) << size;
     std::istringstream again(std::string(size, 'x'));
-    EXPECT_EQ(read_at_most(again, size)->size(), size);
+    EXPECT_EQ(read_at_most(again, "a", size)->size(), size);
   }
 }
 

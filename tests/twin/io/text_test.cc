@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <tribotwin/plugins/friction/text.hpp>
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -81,6 +82,19 @@ TEST(Suggestion, NamesOnlyWhatIsNear) {
 TEST(TextTest, MessagesHaveNoControlCharacters) {
   EXPECT_EQ(Error("FILE:1: \x1B[31mred\x7F\r\n\tµ").message, "FILE:1: \\x1b[31mred\\x7f\\x0d\n\tµ");
   EXPECT_STREQ(InputError("FILE:1: \x01").what(), "FILE:1: \\x01");
+}
+
+// The memory of this process at address 0: a file that opens, and whose reading fails.
+constexpr char not_to_be_read[] = "/proc/self/mem";
+
+TEST(Text, OfAFileThatCannotBeReadIsNotTakenForAnEmptyOne) {
+  const auto text = read_text(not_to_be_read, "a file");
+  ASSERT_FALSE(text);
+  EXPECT_EQ(text.error().message, "/proc/self/mem: cannot be read to its end (Input/output error)");
+  EXPECT_EQ(text.error().kind, ErrorKind::work);
+  const auto bytes = read_bytes(not_to_be_read);
+  ASSERT_FALSE(bytes);
+  EXPECT_EQ(bytes.error().message, "/proc/self/mem: cannot be read (Input/output error)");
 }
 
 }  // namespace tribotwin::twin

@@ -57,7 +57,7 @@ bool matches(const std::string& pattern, const fs::path& file) {
 std::map<std::string, std::string> labels_of(const fs::path& file) {
   std::map<std::string, std::string> labels;
   if (file.extension() != ".json") return labels;
-  const auto json = parse_json(or_wrong_input(read_text(file, "a recording")));
+  const auto json = parse_json(or_throw(read_text(file, "a recording")));
   if (!json.is_object()) return labels;
   for (const auto& [key, value] : json.items()) {
     if (value.is_string()) labels[key] = value.get<std::string>();

@@ -276,7 +276,7 @@ std::string table_of(const Results& r) {
 std::vector<SimulationFit> read_fits(const Campaign& campaign, const fs::path& file) {
   std::error_code error;
   if (!fs::exists(file, error)) return {};
-  const std::string text = or_wrong_input(read_text(file, "a calibration"));
+  const std::string text = or_throw(read_text(file, "a calibration"));
   const Json written = Json::parse(text, nullptr, false);  // in its own order, which the checksum is of
   const nlohmann::json j = written;
   const auto refuse = [&](const std::string& what) {

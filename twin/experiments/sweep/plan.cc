@@ -166,7 +166,7 @@ class Reader {
   }
 
   void add_checksum(const fs::path& file) {
-    checksums_.push_back(fmt::format("{:08x}", crc32(or_wrong_input(read_text(file, "a PARAMS.yaml")))));
+    checksums_.push_back(fmt::format("{:08x}", crc32(or_throw(read_text(file, "a PARAMS.yaml")))));
   }
 
   std::vector<std::string> settings_without_parameters() const {
@@ -387,7 +387,7 @@ class Reader {
   bool is_campaign() const { return static_cast<bool>(root_["resolved_scenario"]); }
   /// A campaign.yaml names files, whose content may be another one now.
   void require_unchanged() {
-    const auto text = or_wrong_input(read_text(plan_.file, "a YAML file"));
+    const auto text = or_throw(read_text(plan_.file, "a YAML file"));
     const auto line = [](const std::string& t) { return t.substr(0, t.find('\n')); };
     const auto now = line(resolved_yaml(*plan_.model, plan_.resolved));
     if (line(text) != now)

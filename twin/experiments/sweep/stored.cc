@@ -168,7 +168,7 @@ Result<StoredSweep> read_sweep(const fs::path& directory) try {
   if (!status) return tl::unexpected(status.error());
   StoredSweep s{.directory = directory};
   const fs::path file = directory / "campaign.yaml";
-  s.campaign = or_wrong_input(read_text(file, "a YAML file"));
+  s.campaign = or_throw(read_text(file, "a YAML file"));
   read_campaign(s, load_yaml(file));
   read_origin(s);
   s.finished = status->finished;
@@ -181,7 +181,7 @@ Result<StoredSweep> read_sweep(const fs::path& directory) try {
   std::error_code error;
   if (fs::exists(directory / "bands.csv", error)) read_bands(s, directory / "bands.csv");
   const fs::path statistics = directory / "statistics.json";
-  s.statistics = parse_json(or_wrong_input(read_text(statistics, "a JSON file")));
+  s.statistics = parse_json(or_throw(read_text(statistics, "a JSON file")));
   if (!s.statistics.is_object() || !s.statistics.contains("outputs") || !s.statistics.contains("notes"))
     return tl::unexpected(
         Error(fmt::format("{}: is not what tribotwin sweep writes; its command with --force writes "

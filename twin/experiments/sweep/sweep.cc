@@ -2,7 +2,6 @@
 #include <chrono>
 #include <cmath>
 #include <fstream>
-#include <iterator>
 #include <set>
 #include <utility>
 
@@ -10,6 +9,7 @@
 
 #include <tribotwin/twin/experiments/sweep/sweep.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/ranks.hpp>
@@ -151,9 +151,8 @@ class OwnResults {
   static constexpr char file_name[] = "results.checksums";
   static std::string sum_of(const std::string& bytes) { return fmt::format("{:08x}", crc32(bytes)); }
   static std::optional<std::string> sum_of_file(const fs::path& file) {
-    std::ifstream stream(file, std::ios::binary);
-    if (!stream.is_open()) return std::nullopt;
-    return sum_of({std::istreambuf_iterator<char>(stream), {}});
+    const auto bytes = read_bytes(file);  // one that cannot be read is not known
+    return bytes ? std::optional(sum_of(*bytes)) : std::nullopt;
   }
 
   const fs::path directory_;

@@ -1,5 +1,6 @@
 #include <exception>
 #include <memory>
+#include <new>
 #include <sstream>
 
 #include <tribotwin/plugins/friction/law.hpp>
@@ -78,6 +79,8 @@ int parse(const std::string& program, const std::string& engine, CLI::App& app, 
       report_text(CLI::help_text(app.given().describe(), coloured(Stream::messages)));
     else
       report_text(error.str());
+  } catch (const std::bad_alloc&) {
+    code = report_error(program, failed, "out of memory");
   } catch (const InputError& e) {
     code = report_error(program, wrong_input, e.what());
   } catch (const std::exception& e) {

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/input_file.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/mcap/bytes.hpp>
 #include <tribotwin/twin/io/mcap/compression.hpp>
@@ -143,6 +144,8 @@ class Records {
       if (read(std::min(count, step)).empty()) return;
   }
   std::uint64_t place() const { return place_; }
+  /// Whether the machine could not read the file; then it may go on where it seems to end.
+  bool failed() const { return stream_.bad(); }
   std::uint64_t left() const { return size_ - place_; }
   std::uint32_t checksum() const { return checksum_; }
   std::uint32_t checksum_before_record() const { return checksum_before_; }
@@ -183,6 +186,7 @@ class Reader {
  public:
   Reader(Records records, const Visit& visit) : records_(std::move(records)), messages_(visit) {}
 
+  bool failed() const { return records_.failed(); }
   Result<Contents> read() {
     const bool ends_whole = records_.ends_whole();
     if (records_.read(std::min<std::uint64_t>(magic.size(), records_.left())) != magic)
@@ -257,6 +261,7 @@ Result<Contents> read(const std::filesystem::path& file, const Visit& visit) {
   if (error) return wrong(fmt::format("{}: cannot be read ({})", file.string(), error.message()));
   Reader reader(Records(std::move(*stream), size), visit);
   auto contents = reader.read();
+  if (reader.failed()) return not_read(file.string());
   if (!contents) contents.error().message = fmt::format("{}: {}", file.string(), contents.error().message);
   return contents;
 }

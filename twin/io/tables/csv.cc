@@ -198,7 +198,7 @@ bool CsvLines::read_bytes(std::string& line) {
 }
 
 Result<bool> CsvLines::read(std::string& line) {
-  if (!read_bytes(line)) return false;
+  if (!read_bytes(line)) return stream_.bad() ? Result<bool>(not_read(file_.string())) : false;
   ++read_;
   if (line.size() > limits::csv_line_bytes)
     return tl::unexpected(at_line(file_, read_,

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/input_file.hpp>
 #include <tribotwin/twin/io/mcap/reader.hpp>
 #include <tribotwin/twin/io/tables/layout.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
@@ -16,12 +17,13 @@ namespace fs = std::filesystem;
 constexpr double shortest_step_s = 1e-9;
 
 /// The first bytes of a regular file: what is no regular file can be read once only, and is a CSV.
-std::string first_bytes(const fs::path& file) {
+Result<std::string> first_bytes(const fs::path& file) {
   std::error_code error;
-  if (!fs::is_regular_file(file, error)) return {};
+  if (!fs::is_regular_file(file, error)) return std::string();
   std::ifstream stream(file, std::ios::binary);
   std::string bytes(128, '\0');
   stream.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  if (stream.bad()) return not_read(file.string());
   bytes.resize(static_cast<std::size_t>(std::max<std::streamsize>(stream.gcount(), 0)));
   return bytes;
 }
@@ -47,9 +49,11 @@ tables::Opened open_table(const fs::path& given, const std::vector<std::string>&
   const auto found = out_of_bag(given);
   if (!found) return tl::unexpected(found.error());
   const fs::path& file = *found;
-  const std::string bytes = first_bytes(file);
-  const auto begins = [&](std::string_view magic) { return bytes.starts_with(magic); };
-  if (mcap::begins_as_mcap(bytes) || file.extension() == ".mcap") return tables::open_mcap(file, wanted, options.topic);
+  const auto bytes = first_bytes(file);
+  if (!bytes) return tl::unexpected(bytes.error());
+  const auto begins = [&](std::string_view magic) { return bytes->starts_with(magic); };
+  if (mcap::begins_as_mcap(*bytes) || file.extension() == ".mcap")
+    return tables::open_mcap(file, wanted, options.topic);
   if (!options.topic.empty())
     return tl::unexpected(fmt::format("{}: --topic is for MCAP files; this is none", file.string()));
   if (begins("\x28\xB5\x2F\xFD"sv))
@@ -74,7 +78,8 @@ Numbers header_of(const tables::Layout& layout, const tables::Source& source) {
 std::optional<fs::path> record_of(const fs::path& file) {
   std::error_code error;
   if (fs::is_directory(file, error) && fs::exists(file / "telemetry.h5", error)) return file / "telemetry.h5";
-  if (file.extension() == ".h5" || file.extension() == ".hdf5" || first_bytes(file).starts_with("\x89HDF\r\n\x1a\n"))
+  if (file.extension() == ".h5" || file.extension() == ".hdf5" ||
+      first_bytes(file).value_or("").starts_with("\x89HDF\r\n\x1a\n"))
     return file;
   return std::nullopt;
 }

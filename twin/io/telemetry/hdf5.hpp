@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <mutex>
+#include <new>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -48,6 +49,8 @@ auto guarded(const fs::path& path, std::string_view phrase, Work&& work) -> Resu
     } else {
       return work();
     }
+  } catch (const std::bad_alloc&) {
+    return work_failed(fmt::format("{}: {} (out of memory)", path.string(), phrase));
   } catch (const std::exception& e) {
     return tl::unexpected(Error(fmt::format("{}: {} ({})", path.string(), phrase, e.what()), kind));
   } catch (...) {

@@ -125,7 +125,8 @@ Result<Recovered> recover(const fs::path& run_dir) {
   if (!linked && ::link(path.c_str(), original.c_str()) != 0)
     return tl::unexpected(fmt::format("{}: {} ({})", original.string(), not_written, system_reason(errno)));
   if (auto ok = fresh->publish(); !ok) {
-    ::unlink(original.c_str());
+    // Where the rename was done and only its way to the disk failed, that name is the original's last one.
+    if (fs::equivalent(path, original, error)) ::unlink(original.c_str());
     return tl::unexpected(ok.error());
   }
   return result;

@@ -1,8 +1,6 @@
 #include <cerrno>
 #include <cstdint>
 #include <cstring>
-#include <fstream>
-#include <iterator>
 #include <optional>
 
 #include <fcntl.h>
@@ -69,10 +67,10 @@ Result<void> Journal::read() {
     return tl::unexpected(
         Error(fmt::format("{}: {}; choose another folder with -o, or remove this file", file_.string(), why)));
   };
-  std::ifstream stream(file_, std::ios::binary);
-  if (!stream || !fs::is_regular_file(file_, error)) return refuse("cannot be read");
-  const std::string all{std::istreambuf_iterator<char>(stream), {}};
-  std::string_view left = all;
+  if (!fs::is_regular_file(file_, error)) return refuse("is no file");
+  const auto all = read_bytes(file_);
+  if (!all) return tl::unexpected(all.error());
+  std::string_view left = *all;
   if (!begins(left, first_line)) return refuse("is no file of unfinished work");
   left.remove_prefix(first_line.size());
   const auto identity = next_record(left);

@@ -423,5 +423,12 @@ TEST_F(Tables, MapsThatAreWrongAreRefused) {
   EXPECT_THAT(read_column_map(folder_ / "none.yaml").error().message, HasSubstr("none.yaml"));
 }
 
+TEST(Failure, OfReadingIsNoEndOfTheTable) {
+  const auto table = read_numbers("/proc/self/mem", {"time_s"});  // address 0: reading fails
+  ASSERT_FALSE(table);
+  EXPECT_THAT(table.error().message, HasSubstr("cannot be read to its end (Input/output error)"));
+  EXPECT_EQ(table.error().kind, ErrorKind::work);
+}
+
 }  // namespace
 }  // namespace tribotwin::twin
