@@ -48,6 +48,7 @@ ORDER = {
         "diagnosis",
         "diagnosis/fleet/database",
         "diagnosis/fleet",
+        "diagnosis/fleet/learning",
         "diagnosis/fleet/overview",
         "experiments",
         "experiments/friction",

@@ -1,12 +1,16 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/diagnosis/fleet/database/database.hpp>
+#include <tribotwin/twin/diagnosis/fleet/learning/learning.hpp>
 #include <tribotwin/twin/diagnosis/fleet/survey.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
@@ -54,37 +58,57 @@ Imported imported(Store* store, const Arguments& a) {
   return sum;
 }
 
-std::string name_of(const FailedPart& part, bool fit) {
-  return fmt::format("{}: {}", fit ? "fit" : "judgement", diagnosis::fleet::name_of(part.key));
+/// Work that failed: what it was, for people and for programs.
+struct Failed {
+  std::string name;
+  Json json;
+  TaskFailure failure;
+};
+
+Json with_failure(Json j, const std::string& input, const TaskFailure& f) {
+  j["input"] = input, j["attempts"] = f.attempts, j["message"] = f.error.message;
+  return j;
 }
 
-Json json_of(const FailedPart& part, bool fit) {
-  return {{"work", fit ? "fit" : "judgement"},    {"robot", part.key.robot}, {"joint", part.key.joint},
-          {"date", date_of(part.key.time_s)},     {"input", part.input},     {"attempts", part.failure.attempts},
-          {"message", part.failure.error.message}};
+/// `work`: fit, judgement.
+std::vector<Failed> failed_of(const char* work, const std::vector<FailedPart>& parts) {
+  std::vector<Failed> all;
+  for (const auto& [key, input, failure] : parts) {
+    const Json j{{"work", work}, {"robot", key.robot}, {"joint", key.joint}, {"date", date_of(key.time_s)}};
+    all.push_back({.name = fmt::format("{}: {}", work, diagnosis::fleet::name_of(key)),
+                   .json = with_failure(j, input, failure),
+                   .failure = failure});
+  }
+  return all;
 }
 
-/// Of fits and judgements.
-Json json_of_failed(const std::vector<FailedPart>& fits, const std::vector<FailedPart>& judgements) {
+std::vector<Failed> failed_of(const std::vector<FailedModel>& models) {
+  std::vector<Failed> all;
+  for (const auto& [type, joint, input, failure] : models)
+    all.push_back({.name = fmt::format("model: joint {}{}", joint, type.empty() ? "" : " of type " + type),
+                   .json = with_failure({{"work", "model"}, {"type", type}, {"joint", joint}}, input, failure),
+                   .failure = failure});
+  return all;
+}
+
+Json json_of(const std::vector<Failed>& failures) {
   Json all = Json::array();
-  for (const auto& part : fits) all.push_back(json_of(part, true));
-  for (const auto& part : judgements) all.push_back(json_of(part, false));
+  for (const auto& f : failures) all.push_back(f.json);
   return all;
 }
 
 /// The end of a command whose results are delivered: exit code 1 names what failed.
-Result<Exit> end(Exit code, const std::vector<FailedPart>& fits, const std::vector<FailedPart>& judgements) {
-  if (fits.empty() && judgements.empty()) return code;
+Result<Exit> end(Exit code, const std::vector<Failed>& failures) {
+  if (failures.empty()) return code;
   std::vector<TaskFailure> all;
-  for (const auto* parts : {&fits, &judgements})
-    for (const auto& part : *parts) {
-      all.push_back(part.failure);
-      all.back().task = all.size() - 1;
-    }
-  const auto name = [&](std::size_t i) {
-    return i < fits.size() ? name_of(fits[i], true) : name_of(judgements[i - fits.size()], false);
-  };
-  return report_error(failed, text_of(all, name) + "; all else is done and kept, and the same command tries again");
+  for (const auto& f : failures) all.push_back({all.size(), f.failure.attempts, f.failure.error});
+  return report_error(failed, text_of(all, [&](std::size_t i) { return failures[i].name; }) +
+                                  "; all else is done and kept, and the same command tries again");
+}
+
+std::vector<Failed> together(std::vector<Failed> one, std::vector<Failed> other) {
+  std::ranges::move(other, std::back_inserter(one));
+  return one;
 }
 
 /// On the first of several ranks; none on the others.
@@ -96,19 +120,19 @@ Result<Exit> learn(const Arguments& a) {
   if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
   const auto store = opened(a);
   const Imported data = imported(store.get(), a);
+  const Learned learned = learn_fleet(store.get(), {.threads = a.threads, .retries = a.retries});
   if (!store) return done;
-  std::vector<std::string> notes;
-  const auto models = learn_fleet(*store, notes);
   store->commit();
+  const auto failures = together(failed_of("fit", data.failed), failed_of(learned.failed));
   Json j{{"files", Json::array({without_password(a.store)})},
          {"imported", json_of(data)},
          {"models", Json::array()},
-         {"notes", notes},
-         {"failed", json_of_failed(data.failed, {})}};
+         {"notes", learned.notes},
+         {"failed", json_of(failures)}};
   TextTable table({TextTable::left("type"), TextTable::left("joint"), TextTable::right("robots"),
                    TextTable::right("curves"), TextTable::left("degC"), TextTable::right("between robots, Fc %"),
                    TextTable::right("day to day, Fc %"), TextTable::right("persistence per day")});
-  for (const auto& m : models) {
+  for (const auto& m : learned.models) {
     const auto spread = spread_of(m);
     j["models"].push_back({{"type", m.type},
                            {"joint", m.joint},
@@ -128,9 +152,9 @@ Result<Exit> learn(const Arguments& a) {
       if (!a.quiet) note("joint {}: {}", m.joint, text);
   }
   if (!a.quiet)
-    for (const auto& text : notes) note("{}", text);
+    for (const auto& text : learned.notes) note("{}", text);
   if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table.text()); !ok) return ok;
-  return end(done, data.failed, {});
+  return end(done, failures);
 }
 
 /// What is sure, of how many, at which rate.
@@ -205,6 +229,7 @@ Result<Exit> survey(const Arguments& a, bool check) {
   if (!store) return done;
   store->commit();
   const std::string sentence = sentence_of(s, a.survey, check);
+  const auto failures = together(failed_of("fit", data.failed), failed_of("judgement", s.failed));
   Json j{{"sentence", sentence},
          {"date", date_of(s.time_s)},
          {"false_discovery_rate", a.survey.rate},
@@ -212,12 +237,12 @@ Result<Exit> survey(const Arguments& a, bool check) {
          {"listed", s.listed.size()},
          {"without_verdict", s.without_model + s.without_temperature + s.failed.size()},
          {"imported", json_of(data)},
-         {"failed", json_of_failed(data.failed, s.failed)},
+         {"failed", json_of(failures)},
          {"joints", Json::array()}};
   for (std::size_t i = 0; i < s.listed.size(); ++i) j["joints"].push_back(json_of(s.listed[i], i + 1));
   const std::string text = s.listed.empty() ? sentence + "\n" : sentence + "\n\n" + table_of(s, check).text();
   if (auto ok = deliver(a.json ? j.dump(2) + "\n" : text); !ok) return ok;
-  return end(s.listed.empty() ? done : limit_exceeded, data.failed, s.failed);
+  return end(s.listed.empty() ? done : limit_exceeded, failures);
 }
 
 /// Before any work: what options say together.
@@ -250,9 +275,9 @@ void add_common(CLI::App& c, Arguments& a) {
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
   c.add_option("--threads", a.threads,
-               "Curves and joints computed at once (default: one per core; under mpirun, per rank: 1)")
+               "Curves, joints and types computed at once (default: one per core; under mpirun, per rank: 1)")
       ->check(CLI::Range(1u, 1024u));
-  c.add_option("--retries", a.retries, "Further attempts of a curve or joint whose work failed (default: 1)")
+  c.add_option("--retries", a.retries, "Further attempts of a curve, joint or type whose work failed (default: 1)")
       ->check(CLI::Range(0, 100));
   c.add_flag("--json", a.json, "Print JSON instead of the table");
   c.add_flag("--quiet", a.quiet, "No notes on stderr");

@@ -1,8 +1,14 @@
 #include <algorithm>
+#include <array>
 #include <exception>
 #include <optional>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
 
 #include <tribotwin/twin/diagnosis/fleet/divided.hpp>
+#include <tribotwin/twin/diagnosis/patterns.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
@@ -17,14 +23,19 @@ auto columns_of(Curve& c) {
                     &c.stderr_nm,   &c.ripple_nm,   &c.lost_motion_rad};
 }
 
+/// The numbers of a finding, in the order in which they travel.
+template <class F>
+auto numbers_of(F& f) {
+  return std::array{&f.severity,       &f.confidence, &f.friction_change, &f.load.load_norm, &f.load.sigma,
+                    &f.load.threshold, &f.margin,     &f.margin_low,      &f.margin_high};
+}
+
 void put_optional(BytesOut& out, const std::optional<double>& x) { out.put(x.has_value()).put(x.value_or(0)); }
 std::optional<double> get_optional(BytesIn& in) {
   const bool has = in.get<bool>();
   const double x = in.get<double>();
   return has ? std::optional(x) : std::nullopt;
 }
-
-constexpr std::size_t batch = 64;
 
 /// Rank 0: the chunks one after the other, as a list of tasks that grows when a chunk is over.
 class Chunks {
@@ -67,7 +78,7 @@ class Chunks {
     groups_.clear(), failures_.clear(), over_ = 0;
     results_.assign(work_.prepare(), {});
     for (std::size_t item = 0; item < results_.size(); ++item) {
-      if (item % batch == 0) groups_.emplace_back();
+      if (item % work_.batch == 0) groups_.emplace_back();
       groups_.back().push_back(item);
     }
   }
@@ -124,6 +135,11 @@ void divide(const ChunkWork& w, unsigned threads, int retries) {
     chunks->rethrow();
     return {};
   }));
+}
+
+std::string failure_text(const std::string& input, const TaskFailure& f) {
+  return fmt::format("{}: {}{}", input, f.error.message,
+                     f.attempts > 1 ? fmt::format(" ({} attempts)", f.attempts) : "");
 }
 
 void put(BytesOut& out, const LevelCurve& c) {
@@ -193,6 +209,21 @@ Evidence get_evidence(BytesIn& in) {
   for (auto& region : e.other)
     for (double& x : region) x = in.get<double>();
   return e;
+}
+
+void put(BytesOut& out, const Finding& f) {
+  out.put(f.pattern);
+  for (const double* x : numbers_of(f)) out.put(*x);
+  put_optional(out, f.load.nm), put_optional(out, f.load.kg);
+}
+Finding get_finding(BytesIn& in) {
+  Finding f;
+  const std::string name = in.text();
+  for (const auto& p : patterns())
+    if (p.name == name) f.pattern = p.name, f.unit = p.unit, f.advice = p.advice;
+  for (double* x : numbers_of(f)) *x = in.get<double>();
+  f.load.nm = get_optional(in), f.load.kg = get_optional(in);
+  return f;
 }
 
 }  // namespace tribotwin::twin::diagnosis::fleet

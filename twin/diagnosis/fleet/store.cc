@@ -46,6 +46,9 @@ std::int64_t whole(std::size_t x) { return static_cast<std::int64_t>(x); }
 /// Beginnings of notes: "check failed: ", "fit of curve 3 failed: ".
 constexpr char failed[] = " failed: ", fit_of_curve[] = "fit of curve ";
 std::string failure_of_fit(std::int64_t curve) { return fmt::format("{}{}{}", fit_of_curve, curve, failed); }
+std::string failure_of_model(const std::string& type, const std::string& joint) {
+  return fmt::format("model of joint {}{}{}", joint, type.empty() ? "" : " of type " + type, failed);
+}
 
 }  // namespace
 
@@ -86,6 +89,9 @@ class Store::Made {
   }
   void forget_failure(std::int64_t joint, std::int64_t time_s, const std::string& prefix) {
     statement("DELETE FROM notes WHERE joint = $1 AND time_s = $2 AND text LIKE $3")(joint, time_s, prefix + "%").run();
+  }
+  void forget_failed_model(const std::string& prefix) {
+    statement("DELETE FROM notes WHERE joint IS NULL AND substr(text, 1, length($1)) = $1")(prefix).run();
   }
   /// Whether the store was opened with notes of fits that failed.
   bool fits_failed() {
@@ -264,6 +270,15 @@ void Store::put_model(const TypeModel& model) {
       ->statement(
           "INSERT INTO models VALUES($1, $2, $3) ON CONFLICT(type, joint) DO UPDATE SET model = excluded.model")(
           model.type, model.joint, to_text(model))
+      .run();
+  made_->forget_failed_model(failure_of_model(model.type, model.joint));
+}
+
+void Store::put_failed_model(const std::string& type, const std::string& joint, const std::string& text) {
+  const std::string prefix = failure_of_model(type, joint);
+  made_->forget_failed_model(prefix);
+  made_
+      ->statement("INSERT INTO notes(id, text) VALUES((SELECT coalesce(max(id), 0) + 1 FROM notes), $1)")(prefix + text)
       .run();
 }
 

@@ -76,7 +76,10 @@ class Store {
   /// Time of the newest observation that was not learned from; nothing without any.
   std::optional<std::int64_t> newest();
 
+  /// In place of an earlier one, and of a note that it failed.
   void put_model(const TypeModel& model);
+  /// A note that learning the model of a type's joint has failed, in place of an earlier one.
+  void put_failed_model(const std::string& type, const std::string& joint, const std::string& text);
   std::vector<std::string> model_texts();  ///< for from_text()
   /// The verdicts of one day; those of the same day and kind are replaced.
   void put_verdicts(const std::string& kind, std::int64_t time_s, double rate, std::size_t judged,

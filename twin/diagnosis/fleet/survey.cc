@@ -72,7 +72,7 @@ class Import {
     for (const auto& f : failures) {
       const Entry& e = entries_[to_fit_[f.task]];
       out_.failed.push_back({.key = e.key, .input = fmt::format("{}:{}", e.file, e.line), .failure = f});
-      store_->put_failure("fit", e.key, failure_text(out_.failed.back()));
+      store_->put_failure("fit", e.key, failure_text(out_.failed.back().input, f));
       without.insert(to_fit_[f.task]);
     }
     keep(without);
@@ -110,6 +110,11 @@ class Import {
 
 using ModelKey = std::pair<std::string, std::string>;
 
+double rank_of(const Finding& f) {
+  const double used = f.load.threshold > 0 ? f.load.load_norm / f.load.threshold : 0;
+  return std::max(used, f.unit == "1" ? f.severity : 0);
+}
+
 /// The joints with observations in the time, and the models by which they are judged. On all ranks.
 class EachJoint {
  public:
@@ -145,6 +150,36 @@ class EachJoint {
   }
 
   const Judge& judge(std::size_t model) const { return judges_[model]; }
+
+  /// What the last observations of each of these joints look like; on any rank. They become those of the survey, but
+  /// for those that failed.
+  void explain(std::vector<Listed> all, Survey& survey) const {
+    std::size_t chunks = 0;
+    divide({.prepare = [&] { return chunks++ == 0 ? all.size() : 0; },
+            .input = [&](std::size_t i, BytesOut& out) { put(out, last_of(all[i].joint)); },
+            .work =
+                [&](BytesIn& in, BytesOut& out) {
+                  const Task t = get_task(in);
+                  const Judge& by = judge(t.model);
+                  fleet::put(out, by.explain(t.healthy, by.shift(t.healthy, t.recent), options_.load_sensitivity));
+                },
+            .finish =
+                [&](const std::vector<std::string>& results, const std::vector<TaskFailure>& failures) {
+                  for (std::size_t i = 0; i < results.size(); ++i) {
+                    if (results[i].empty()) continue;
+                    BytesIn in(results[i]);
+                    all[i].finding = get_finding(in);
+                    all[i].rank = rank_of(all[i].finding);
+                    survey.listed.push_back(std::move(all[i]));
+                  }
+                  for (const auto& f : failures) {
+                    const Listed& l = all[f.task];
+                    failed(last_of(l.joint), f, fmt::format(", to be explained; listed with q = {:.2g}", l.q), survey);
+                  }
+                }},
+           options_.threads, options_.retries);
+  }
+
   /// By model, from the evidence of all joints.
   std::vector<ByChoice> all_weights() const {
     std::vector<ByChoice> all;
@@ -164,18 +199,11 @@ class EachJoint {
                   while (tasks.size() < chunk && next < joints_.size()) add(joints_[next++], tasks, survey);
                   return tasks.size();
                 },
-            .input =
-                [&](std::size_t i, BytesOut& out) {
-                  out.put<std::uint64_t>(tasks[i].model);
-                  put(out, tasks[i].healthy), put(out, tasks[i].recent);
-                },
+            .input = [&](std::size_t i, BytesOut& out) { put(out, tasks[i]); },
             .work =
                 [&](BytesIn& in, BytesOut& out) {
-                  Task t{.model = in.get<std::uint64_t>()};
-                  t.healthy = get_rows(in), t.recent = get_rows(in);
                   BytesOut rest;
-                  const Evidence evidence = work(t, rest);
-                  put(out, evidence);
+                  fleet::put(out, work(get_task(in), rest));
                   out.put(std::string_view(rest.take()));
                 },
             .finish =
@@ -188,7 +216,7 @@ class EachJoint {
                     BytesIn of_work(rest);
                     done(tasks[i], of_work);
                   }
-                  for (const auto& f : failures) failed(tasks[f.task], f, survey);
+                  for (const auto& f : failures) failed(tasks[f.task], f, "", survey);
                 }},
            options_.threads, options_.retries);
   }
@@ -212,12 +240,31 @@ class EachJoint {
     tasks.push_back(std::move(t));
   }
 
-  static void failed(const Task& t, const TaskFailure& failure, Survey& survey) {
+  /// The last observations of a listed joint.
+  Task last_of(const JointName& joint) const {
+    Task t = task(joint);
+    const double from = t.recent.back().day - options_.days;
+    std::erase_if(t.recent, [&](const Row& r) { return r.day <= from; });
+    return t;
+  }
+
+  static void put(BytesOut& out, const Task& t) {
+    out.put<std::uint64_t>(t.model);
+    fleet::put(out, t.healthy), fleet::put(out, t.recent);
+  }
+  static Task get_task(BytesIn& in) {
+    Task t{.model = in.get<std::uint64_t>()};
+    t.healthy = get_rows(in), t.recent = get_rows(in);
+    return t;
+  }
+
+  static void failed(const Task& t, const TaskFailure& failure, const std::string& more, Survey& survey) {
     const JointName& j = *t.joint;
     --survey.judged;
-    survey.failed.push_back({.key = {.type = j.type, .robot = j.robot, .joint = j.joint, .time_s = survey.time_s},
-                             .input = fmt::format("{} curves, {} healthy ones", t.recent.size(), t.healthy.size()),
-                             .failure = failure});
+    survey.failed.push_back(
+        {.key = {.type = j.type, .robot = j.robot, .joint = j.joint, .time_s = survey.time_s},
+         .input = fmt::format("{} curves, {} healthy ones{}", t.recent.size(), t.healthy.size(), more),
+         .failure = failure});
   }
 
   Store* const store_;
@@ -229,11 +276,6 @@ class EachJoint {
   std::map<ModelKey, std::size_t> by_name_;
   std::vector<JointName> joints_;
 };
-
-double rank_of(const Finding& f) {
-  const double used = f.load.threshold > 0 ? f.load.load_norm / f.load.threshold : 0;
-  return std::max(used, f.unit == "1" ? f.severity : 0);
-}
 
 /// Collective.
 std::int64_t end_of(Store* store, const SurveyOptions& o) {
@@ -259,7 +301,7 @@ void keep_verdicts(Store& store, const char* kind, const SurveyOptions& o, Surve
                     .confidence = l.finding.confidence,
                     .margin = l.finding.margin});
   store.put_verdicts(kind, survey.time_s, o.rate, survey.judged, kept);
-  for (const auto& f : survey.failed) store.put_failure(kind, f.key, failure_text(f));
+  for (const auto& f : survey.failed) store.put_failure(kind, f.key, failure_text(f.input, f.failure));
 }
 
 /// What may be listed: p of at most the rate under some persistence. The others only count.
@@ -331,59 +373,31 @@ std::optional<Chart::Step> get_days(BytesIn& in, const std::function<void(double
 
 std::int64_t seconds(double days) { return static_cast<std::int64_t>(std::llround(days * 86400)); }
 
-/// The candidates whose adjusted p is at most the rate, explained by their last observations. On the first rank.
-void list(std::vector<Candidate>& candidates, const std::vector<ByChoice>& weights, const EachJoint& each,
-          const SurveyOptions& o, Survey& survey) {
+/// The candidates whose adjusted p is at most the rate.
+std::vector<Listed> listed_of(std::vector<Candidate>& candidates, const std::vector<ByChoice>& weights, double rate,
+                              std::size_t judged) {
   std::vector<double> p;
   for (auto& c : candidates) p.push_back(c.p = by_chance(c.by_persistence, weights[c.model]));
-  const auto q = adjusted(p, survey.judged);
+  const auto q = adjusted(p, judged);
+  std::vector<Listed> all;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
-    if (!(q[i] <= o.rate)) continue;
-    EachJoint::Task t = each.task(*candidates[i].joint);
-    const double from = t.recent.back().day - o.days;
-    std::erase_if(t.recent, [&](const Row& r) { return r.day <= from; });
-    Listed l{.joint = *candidates[i].joint, .p = p[i], .q = q[i], .observations = candidates[i].observations};
-    const Judge& judge = each.judge(t.model);
-    l.finding = judge.explain(t.healthy, judge.shift(t.healthy, t.recent), o.load_sensitivity);
-    l.rank = rank_of(l.finding), l.cusum = candidates[i].cusum;
-    survey.listed.push_back(std::move(l));
+    const Candidate& c = candidates[i];
+    if (q[i] <= rate)
+      all.push_back({.joint = *c.joint,
+                     .p = p[i],
+                     .q = q[i],
+                     .observations = c.observations,
+                     .finding = {},
+                     .cusum = c.cusum,
+                     .since_s = {}});
   }
+  return all;
 }
 
 }  // namespace
 
-std::string failure_text(const FailedPart& f) {
-  return fmt::format("{}: {}{}", f.input, f.failure.error.message,
-                     f.failure.attempts > 1 ? fmt::format(" ({} attempts)", f.failure.attempts) : "");
-}
-
 Imported import_curves(Store* store, const std::filesystem::path& data, const ImportOptions& options) {
   return Import(store, data, options).run();
-}
-
-std::vector<TypeModel> learn_fleet(Store& store, std::vector<std::string>& notes) {
-  std::map<ModelKey, std::vector<std::int64_t>> groups;
-  for (const auto& j : store.joints()) groups[{j.type, j.joint}].push_back(j.id);
-  std::vector<TypeModel> all;
-  std::string problem;
-  for (const auto& group : groups) {
-    const auto& key = group.first;
-    const auto& ids = group.second;
-    auto model = learn_type([&](const std::function<void(const Rows&)>& visit) {
-      for (const auto id : ids) visit(store.rows(id, true, -always, always));
-    });
-    if (!model) {
-      problem = fmt::format("joint {}{}: {}", key.second, key.first.empty() ? "" : " of type " + key.first,
-                            model.error().message);
-      notes.push_back("no model of " + problem);
-      continue;
-    }
-    model->type = key.first, model->joint = key.second;
-    store.put_model(*model);
-    all.push_back(*std::move(model));
-  }
-  if (all.empty()) throw InputError(problem.empty() ? "there are no curves to learn from" : problem);
-  return all;
 }
 
 Survey check_fleet(Store* store, const SurveyOptions& o) {
@@ -403,9 +417,8 @@ Survey check_fleet(Store* store, const SurveyOptions& o) {
           candidates.push_back(
               {.joint = t.joint, .model = t.model, .by_persistence = std::move(p), .observations = t.recent.size()});
       });
-  if (!store) return survey;
-  list(candidates, each.all_weights(), each, o, survey);
-  keep_verdicts(*store, "check", o, survey);
+  each.explain(listed_of(candidates, each.all_weights(), o.rate, survey.judged), survey);
+  if (store) keep_verdicts(*store, "check", o, survey);
   return survey;
 }
 
@@ -440,9 +453,9 @@ Survey watch_fleet(Store* store, const SurveyOptions& o) {
                                 .cusum = last->sum,
                                 .observations = t.recent.size()});
       });
-  if (!store) return survey;
   const auto weights = each.all_weights();
-  list(candidates, weights, each, o, survey);
+  each.explain(listed_of(candidates, weights, o.rate, survey.judged), survey);
+  if (!store) return survey;
   std::map<std::int64_t, std::int64_t> since;
   for (const auto& [joint, time_s] : daily.first(o.rate, weights)) since.emplace(joint->id, time_s);
   for (auto& l : survey.listed)

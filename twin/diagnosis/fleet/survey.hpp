@@ -10,7 +10,7 @@
 #include <tribotwin/twin/diagnosis/fleet/store.hpp>
 #include <tribotwin/twin/numerics/executor/manager.hpp>
 
-/// The work of `tribotwin fleet`: import, models of all types, verdicts on all joints. Memory holds a chunk of curves
+/// The work of `tribotwin fleet`: import, and verdicts on all joints. Memory holds a chunk of curves
 /// and some hundred bytes per joint. Functions throw as Store does; those with a pointer to the store are collective:
 /// it is null on all ranks but the first, where their results are empty.
 namespace tribotwin::twin::diagnosis::fleet {
@@ -23,15 +23,13 @@ struct ImportOptions {
   bool replace = false;           ///< a curve that has changed takes the place of the one in the store
   int retries = 1;                ///< further attempts of a curve whose fit failed
 };
-/// A curve that could not be fitted, or a joint that could not be judged: a crash or an exception. Also a note of the
-/// store, until it succeeds.
+/// A curve that could not be fitted, or a joint that could not be judged or explained: a crash or an exception. Also a
+/// note of the store, until it succeeds.
 struct FailedPart {
   Key key;            ///< of a joint with the day that was judged
   std::string input;  ///< "FILE:LINE" of a curve, the number of curves of a joint
   TaskFailure failure;
 };
-/// "INPUT: MESSAGE (2 attempts)"
-std::string failure_text(const FailedPart& failed);
 struct Imported {
   std::size_t curves = 0, added = 0, known = 0, promoted = 0, replaced = 0, weak = 0;
   std::string first_weak;  ///< "FILE:LINE: Fs, Vs"
@@ -39,10 +37,6 @@ struct Imported {
 };
 /// Adds all curves of `data`. InputError, with both places, where a curve differs from the one that is in the store.
 Imported import_curves(Store* store, const std::filesystem::path& data, const ImportOptions& options);
-
-/// Learns a model per type of robot and joint from all healthy observations and keeps it. InputError where there is
-/// none at all that can be learned; `notes` says which could not.
-std::vector<TypeModel> learn_fleet(Store& store, std::vector<std::string>& notes);
 
 struct SurveyOptions {
   double rate = 0.05;                  ///< share of the listed joints that may be healthy, on average

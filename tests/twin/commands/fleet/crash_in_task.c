@@ -1,5 +1,6 @@
-/* A crash where a curve is fitted, or a joint is judged: preload it. With CRASH_AT_LOG=X log(X) writes a line to stderr
-   and aborts, with CRASH_AT_POWER=Y pow(.., Y): a speed, and days between two curves, that one curve alone has. With
+/* A crash where a curve is fitted, a joint is judged or explained, or a type is learned: preload it. With
+   CRASH_AT_LOG=X log(X) writes a line to stderr and aborts, with CRASH_AT_POWER=Y pow(.., Y), with CRASH_AT_CHANGE=Z
+   expm1(..) that is Z: a speed, days between two curves, a change of friction that one curve or joint alone has. With
    CRASH_ONCE=FILE only where that file can be created, so that the next attempt succeeds. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -36,4 +37,12 @@ EXPORT double pow(double x, double y) {
   if (!function) function = (double (*)(double, double))real("pow");
   crash_where("CRASH_AT_POWER", y);
   return function(x, y);
+}
+
+EXPORT double expm1(double x) {
+  static double (*function)(double);
+  if (!function) function = (double (*)(double))real("expm1");
+  const double change = function(x);
+  crash_where("CRASH_AT_CHANGE", change);
+  return change;
 }

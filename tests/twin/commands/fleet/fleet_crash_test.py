@@ -1,6 +1,6 @@
-"""tribotwin fleet where fitting one curve, or judging one joint, crashes: it fails alone, is named and recorded, all
-else is done, and the same command tries again; the same on threads and on MPI ranks. Arguments: tribotwin,
-libcrash_in_task.so[, mpirun]."""
+"""tribotwin fleet where fitting one curve, judging or explaining one joint, or learning the model of one type crashes:
+it fails alone, is named and recorded, all else is done, and the same command tries again; the same on threads and on
+MPI ranks. Arguments: tribotwin, libcrash_in_task.so[, mpirun]."""
 import json, os, shutil, sqlite3, sys
 
 import harness
@@ -56,6 +56,12 @@ shutil.copy(path("learned.db"), path("undisturbed.db"))
 undisturbed = run("check", "week.csv", "-o", "undisturbed.db")
 check("undisturbed", undisturbed.returncode == 3 and notes("undisturbed.db") == [], undisturbed)
 
+worn = json.loads(undisturbed.stdout)["joints"][0]
+check("R0003 joint2 is the first of the list", (worn["robot"], worn["joint"]) == ("R0003", "joint2"), worn)
+CHANGE = repr(worn["friction_change"])
+r = run("learn", "week.csv", "-o", "models.db")
+check("a week learned from", r.returncode == 0 and notes("models.db") == [], r)
+
 ways = {"one": ("--threads", "1"), "two": ("--threads", "2"), **({"ranks": "ranks"} if mpirun else {})}
 said = {}
 for name, on in ways.items():
@@ -107,7 +113,30 @@ for name, on in ways.items():
         [run(c, "-o", store, on=on).returncode for c in ("check", "watch")] == [3, 3],
     )
     check(f"{name}: and no note is left", notes(store) == [], notes(store))
-    said[name] = (out, joint, watched, stored, dump(store))
+    # What a listed joint looks like.
+    r = run("check", "-o", store, on=on, CRASH_AT_CHANGE=CHANGE)
+    looks = json.loads(r.stdout)
+    check(f"{name}: an explanation: exit code 1 names the joint", "judgement: robot R0003, joint joint2" in r.stderr, r)
+    check(f"{name}: an explanation: signal, stderr, attempts", "signal 6" in r.stderr and "(2 attempts)" in r.stderr, r)
+    one = looks["failed"]
+    check(
+        f"{name}: an explanation: that the joint was listed is recorded",
+        r.returncode == 1
+        and len(one) == 1
+        and "listed with q = " in one[0]["input"]
+        and "singular" in one[0]["message"],
+        one,
+    )
+    check(f"{name}: an explanation: a note", ["to be explained" in n for n in notes(store)] == [True], notes(store))
+    check(
+        f"{name}: an explanation: the others are as undisturbed",
+        [{**j, "rank": 0} for j in looks["joints"]] == [{**j, "rank": 0} for j in again["joints"][1:]]
+        and (looks["judged"], looks["without_verdict"]) == (79, 1),
+        looks,
+    )
+    check(f"{name}: an explanation: then it succeeds", run("check", "-o", store, on=on).returncode == 3)
+    check(f"{name}: an explanation: and no note is left", notes(store) == [], notes(store))
+    said[name] = (out, joint, watched, looks, stored, dump(store))
 
     # Once only: tried again.
     r = run("check", "-o", store, on=on, CRASH_AT_POWER=GAP, CRASH_ONCE=path(name + ".once"))
@@ -124,6 +153,41 @@ for name, on in ways.items():
         and len(json.loads(r.stdout)["models"]) == 2,
         r,
     )
+
+    # The model of a type.
+    store = f"{name}_model.db"
+    r = run("learn", "week.csv", "-o", store, "--retries", "0", on=on, CRASH_AT_POWER=GAP)
+    model = json.loads(r.stdout)
+    check(
+        f"{name}: a model: exit code 1 names it",
+        r.returncode == 1 and "model: joint joint3: its process" in r.stderr,
+        r,
+    )
+    one = model["failed"]
+    check(
+        f"{name}: a model: recorded with its input",
+        len(one) == 1
+        and (one[0]["work"], one[0]["joint"], one[0]["input"]) == ("model", JOINT, "240 curves of 40 robots")
+        and "signal 6" in one[0]["message"]
+        and "last words: singular at 1.25" in one[0]["message"],
+        one,
+    )
+    check(
+        f"{name}: a model: a note", [n.startswith("model of joint joint3 failed: 240") for n in notes(store)] == [True]
+    )
+    check(f"{name}: a model: the others are learned", [m["joint"] for m in model["models"]] == ["joint2"], model)
+    failed = dump(store)
+    once = {"CRASH_AT_POWER": GAP, "CRASH_ONCE": path(name + "_model.once")}
+    r = run("learn", "week.csv", "-o", store, on=on, **once)
+    check(f"{name}: a model: tried again", r.returncode == 0 and os.path.exists(once["CRASH_ONCE"]), r)
+    check(f"{name}: a model: then the store is as undisturbed", dump(store) == dump("models.db"))
+    said[name] += (model["models"], model["failed"], failed)
 for name in said:
     check(f"{name}: the same verdicts and store", said[name] == said["one"])
+
+# No model at all.
+table("one.csv", [row for row in week if f",{JOINT}," in row])
+r = run("learn", "one.csv", "-o", "none.db", CRASH_AT_POWER=GAP)
+check("no model: exit code 1, an empty list", r.returncode == 1 and json.loads(r.stdout)["models"] == [], r)
+check("no model: the curves are kept", rows_of("none.db", "SELECT count(*) FROM observations") == [(240,)])
 finish()
