@@ -182,13 +182,22 @@ class ChainProblem {
     return c;
   }
 
-  /// Gains that would be negative are fixed at 0.
+  /// Gains that would be negative are fixed at 0, then surroundings that cannot be at the nearest that can.
   VectorXd linear(MatrixXd columns) const {
+    VectorXd measured = measured_, fixed = VectorXd::Zero(columns.cols());
     while (true) {
-      const VectorXd x = least_squares_solution(columns, measured_);  // 0 where a column is
+      const VectorXd x = least_squares_solution(columns, measured) + fixed;  // 0 where a column is
       Index worst;
-      if (x.head(n_).minCoeff(&worst) >= 0) return x;
-      columns.col(worst).setZero();
+      if (x.head(n_).minCoeff(&worst) < 0) {
+        columns.col(worst).setZero();
+        continue;
+      }
+      const VectorXd ambient = x.segment(n_, n_),
+                     possible = ambient.cwiseMax(lowest_ambient_degC).cwiseMin(highest_ambient_degC);
+      if ((ambient - possible).cwiseAbs().maxCoeff(&worst) == 0) return x;
+      fixed(n_ + worst) = possible(worst);
+      measured -= possible(worst) * columns.col(n_ + worst);
+      columns.col(n_ + worst).setZero();
     }
   }
 
@@ -354,10 +363,13 @@ Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints, Cha
     fit.chain.joints.push_back(name);
     fit.chain.gain_K_J.push_back(gain), fit.chain.t_s.push_back(t_s), fit.chain.ambient_degC.push_back(ambient);
     const Index first = n + 1;
-    fit.parameters.push_back({gain == 0 ? without_sigma("gain", "K/J", 0, Status::held)
-                                        : estimate("gain", "K/J", gain, covariance(first + j, first + j), quantile),
-                              estimate("t", "s", t_s, covariance(j, j) * t_s * t_s, quantile),
-                              estimate("T_amb", "degC", ambient, covariance(first + n + j, first + n + j), quantile)});
+    const bool possible = ambient > lowest_ambient_degC && ambient < highest_ambient_degC;
+    fit.parameters.push_back(
+        {gain == 0 ? without_sigma("gain", "K/J", 0, Status::held)
+                   : estimate("gain", "K/J", gain, covariance(first + j, first + j), quantile),
+         estimate("t", "s", t_s, covariance(j, j) * t_s * t_s, quantile),
+         possible ? estimate("T_amb", "degC", ambient, covariance(first + n + j, first + n + j), quantile)
+                  : without_sigma("T_amb", "degC", ambient, Status::at_bound)});
   }
   fit.lacking = judged(fit, joints, covariance);
   fit.unidentifiable = withheld(fit.lacking);

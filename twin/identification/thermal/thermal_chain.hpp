@@ -31,6 +31,9 @@ struct ChainWinding {
   bool operator==(const ChainWinding&) const = default;
 };
 
+/// What A_j can be: files with others are refused, and a fit keeps to them.
+inline constexpr double lowest_ambient_degC = -273.15, highest_ambient_degC = 1000;
+
 struct ThermalChain {
   std::vector<std::string> joints;
   std::vector<double> gain_K_J, t_s, ambient_degC;  ///< per joint: g_j, t_j, A_j
@@ -50,7 +53,8 @@ struct ThermalChainFit {
 };
 
 /// Joints in the order of the arm, all recorded at the same times. t_j and k by Ceres from several starts; the others
-/// are linear, gains >= 0. A_j are the same in all sessions. ErrorKind::input with what the data lack.
+/// are linear, gains >= 0. A_j are the same in all sessions; one that ends at what it can be is at_bound.
+/// ErrorKind::input with what the data lack.
 Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints, ChainWinding winding = {});
 
 /// A kind of winding and how well a chain with it, identified from the first two thirds of every session, predicts the

@@ -47,7 +47,7 @@ Result<ThermalChain> read_thermal_chain(const std::filesystem::path& file) try {
     chain.joints.push_back(name);
     chain.gain_K_J.push_back(read_estimate(*joint, "gain", {0, 1e9}));
     chain.t_s.push_back(read_estimate(*joint, "t", {1e-3, 1e9}));
-    chain.ambient_degC.push_back(read_estimate(*joint, "T_amb", {-1000, 1000}));
+    chain.ambient_degC.push_back(read_estimate(*joint, "T_amb", {lowest_ambient_degC, highest_ambient_degC}));
   }
   return chain;
 } catch (const InputError& e) {

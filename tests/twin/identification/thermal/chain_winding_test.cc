@@ -10,6 +10,7 @@
 #include <gtest/gtest.h>
 
 #include <tribotwin/twin/identification/thermal/thermal_chain.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_chain_file.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -57,6 +58,33 @@ TEST(ChainWinding, ThoseThatWereThereAreFoundAndPredictBest) {
   ASSERT_TRUE(fit) << fit.error().message;
   EXPECT_LT(fit->rms_K, 0.015);
   EXPECT_NEAR(fit->chain.gain_K_J[0] / 0.004, 1, 0.05);
+}
+
+// A joint that cools steadily although nothing is colder: a time constant without end and surroundings of -50,000 degC
+// would say that. The file must be one that can be read.
+TEST(ThermalChain, SurroundingsThatCannotBeAreNeitherFoundNorWritten) {
+  std::vector<JointHeat> joints{{.name = "a"}, {.name = "b"}};
+  std::mt19937_64 random(5);
+  std::normal_distribution<double> noise(0, 0.01);
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    HeatSession& s = joints[j].sessions.emplace_back();
+    for (int i = 0; i < 300; ++i) {
+      const double t = 2.0 * i;
+      s.time_s.push_back(t), s.power_w.push_back(std::sin(t / 40) > 0 ? 4 : 1);
+      s.temperature_degC.push_back((j == 0 ? 60 - 0.05 * t : 25 + 0.001 * t) + noise(random));
+    }
+  }
+  const auto fit = fit_thermal_chain(joints);
+  ASSERT_TRUE(fit) << fit.error().message;
+  EXPECT_EQ(fit->chain.ambient_degC[0], lowest_ambient_degC);
+  EXPECT_EQ(fit->parameters[0][2].status, Status::at_bound);
+  EXPECT_TRUE(std::ranges::count(fit->unidentifiable, "a.T_amb"));
+  EXPECT_LT(fit->rms_K, 0.5);
+  const std::string file = testing::TempDir() + "steady_cooling.yaml";
+  std::ofstream(file) << to_yaml(*fit, {"steady.csv"});
+  const auto read = read_thermal_chain(file);
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->ambient_degC, fit->chain.ambient_degC);
 }
 
 /// Seconds of "2022-10-26T08:17:21.847Z".
