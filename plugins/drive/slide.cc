@@ -28,9 +28,10 @@ double slide(const Drive& drive, const thermal::Decay& decay, double speed_rad_s
   }
   const double end_rad = s.position_rad + speed * dt;
   const double delivered = load + (s.workspace.applied_nm + row) + drive.offset_nm;
+  const double needed = delivered / (1 - s.workspace.faults.torque_loss) / (1 - s.workspace.hot_torque_loss);
   end_step(drive, decay,
            {.friction_nm = row,
-            .torque_nm = delivered / (1 - s.workspace.faults.torque_loss) / (1 - s.workspace.hot_torque_loss),
+            .torque_nm = within_current_limit(drive, s.workspace, needed),
             .qd_end_rad_s = speed,
             .q_end_rad = end_rad},
            dt, s.state, s.workspace);

@@ -19,7 +19,8 @@ inline constexpr double slide_speed_max_rad_s = 1e6, slide_load_max_nm = 1e12, s
 /// Slides for dt_s at a constant joint speed, while the gear transmits load_nm to the arm, and returns the friction of
 /// the gear [Nm, arm side, positive with motion, without Drive::offset_nm]. At speed 0 that of the bristles, or 0;
 /// `workspace.limit_nm` has what holds. Heat and temperature advance by the step. A dt_s that is not above 0 advances
-/// nothing. `decay` is that of dt_s.
+/// nothing. `decay` is that of dt_s. A winding heats by the current that load, friction and offset need, at most by
+/// `workspace.current_limit_A`: where they need more, the drive would not keep up this motion.
 double slide(const Drive& drive, const thermal::Decay& decay, double speed_rad_s, double load_nm, Sliding& sliding);
 
 }  // namespace tribotwin::drive

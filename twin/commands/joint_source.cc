@@ -21,11 +21,6 @@ SourcedJoint of_model(const JointSource& source) {
   const auto drives = (*model)->drives();
   const std::vector<std::string> joints = joint_names(**model);
   const auto sourced = [&](std::size_t i) {
-    if (drives[i].drive.winding.present())
-      throw InputError(
-          fmt::format("{}: the motor of {} has a winding, which exported joints do not have: its heat would "
-                      "be missing; export a model without the keys of the winding",
-                      source.file, joints[i]));
     return SourcedJoint{drives[i].drive, is_slide((*model)->get(), drives[i])};
   };
   if (source.torque_max_nm > 0 || source.gear_ratio > 0)

@@ -151,6 +151,7 @@ std::string lost_of(const drive::Drive& d) {
   };
   add(d.law.info->temperature_dependent, "friction by temperature");
   add(d.thermal.order != thermal::Order::prescribed, "heat");
+  add(d.winding.present(), "the winding");
   add(d.dynamics != drive::Dynamics::none, "bristles (presliding, hysteresis)");
   add(d.asymmetry != 0, "the difference of the directions");
   add(d.offset_nm != 0, "the offset");

@@ -6,9 +6,11 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/drive/fault.hpp>
+#include <tribotwin/plugins/drive/keys.hpp>
 #include <tribotwin/plugins/drive/slide.hpp>
 #include <tribotwin/twin/portable/c_law.hpp>
 #include <tribotwin/twin/portable/c_source.hpp>
+#include <tribotwin/twin/portable/c_winding.hpp>
 #include <tribotwin/twin/portable/joint_parameters.hpp>
 
 namespace tribotwin::twin {
@@ -35,7 +37,7 @@ constexpr const char* head =
  *
  *   law @LAW@: @EQUATION@
  *   from: @SOURCE@
- *   torque_max_nm @TORQUE_MAX_NOW@, gear ratio @GEAR_NOW@, friction @DYNAMICS@, thermal model @THERMAL@
+ *   torque_max_nm @TORQUE_MAX_NOW@, gear ratio @GEAR_NOW@, friction @DYNAMICS@, thermal model @THERMAL@@WINDING_HEAD@
  *   validity: @VALIDITY@
  *
  * C99; no heap, no static data that changes. Of libm it uses @LIBM@. It does what drive::slide of tribotwin does, in
@@ -84,7 +86,7 @@ extern "C" {
   double limit_nm;          /* up to which friction holds the joint [Nm] */
   double heat_J;            /* since @NAME@_init [J] */
   int outside;              /* not 0: an input lay outside the range of the law, or was no number */
-@MEMBERS@} @NAME@_state;
+@WINDING_STATE@@MEMBERS@} @NAME@_state;
 
 /* At rest, healthy, at T_amb. */
 void @NAME@_init(@NAME@_state *s);
@@ -94,7 +96,7 @@ void @NAME@_set_temperature(@NAME@_state *s, double temperature_degC);
 
 /* Temperature of the lubricant now [degC]. */
 double @NAME@_temperature(const @NAME@_state *s);
-
+@WINDING_DECLARATIONS@
 /* The joint turns at speed_rad_s [rad/s, arm side] for dt_s [s], and its gear transmits load_nm [Nm] to the arm.
  * Returns the friction [Nm]; at speed 0 that of the bristles, or 0: limit_nm then holds the joint. Heat and temperature
  * advance by the step. A dt_s that is not above 0 advances nothing. Inputs that are no numbers count as 0. */
@@ -243,10 +245,10 @@ constexpr const char* step_tail = R"(  if (s->backlash_rad > 0.0 && fabs(s->back
   limit = limit@SCALE@ < 1e-12 ? 1e-12 : limit@SCALE@;
   s->limit_nm = limit;
   s->friction_nm = applied + (speed > 0.0 ? limit : (speed < 0.0 ? -limit : 0.0));
-  if (!advances) return s->friction_nm;
+@WINDING_LIMIT@  if (!advances) return s->friction_nm;
 
   power = s->friction_nm * speed;
-  s->heat_J += power * dt_s;
+@WINDING_STEP@  s->heat_J += power * dt_s;
 @HEAT@
   end = s->position_rad + speed * dt_s;
   if (s->backlash_rad > 0.0) {
@@ -460,7 +462,7 @@ std::vector<std::pair<std::string, std::string>> number_words(const Written& num
   const Drive& d = number.drive;
   const auto& t = d.thermal;
   const bool turns = number.asymmetric(), motor = d.law.info->side == friction::Side::motor;
-  return {
+  std::vector<std::pair<std::string, std::string>> all = {
       {"@T_AMB@", c_number(t.T_amb_degC)},
       {"@RISE_0@", t.order == thermal::Order::prescribed ? "rise" : "rise * " + number.node("share", 0, t.share(0))},
       {"@RISE_1@", t.order == thermal::Order::second ? "rise * " + number.node("share", 1, t.share(1)) : "0.0"},
@@ -486,17 +488,31 @@ std::vector<std::pair<std::string, std::string>> number_words(const Written& num
       {"@COLUMNS@", fmt::format("{}", d.load_table.loads.size())},
       {"@SPEEDS@", joined_numbers(d.load_table.speeds_rad_s)},
       {"@LOADS@", joined_numbers(d.load_table.loads)},
-      {"@VALUES@", values_of(d.load_table)}};
+      {"@VALUES@", values_of(d.load_table)},
+      {"@OFFSET_NM@", number("offset_nm", d.offset_nm)}};
+  thermal::Winding winding = d.winding;
+  const auto values = drive::winding_values(winding);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const std::string key(drive::winding_keys()[i].name);
+    all.emplace_back("@" + key + "@", number(key, *values[i]));
+  }
+  return all;
 }
 
 /// The same for parts of the text and for names.
 std::vector<std::pair<std::string, std::string>> words(const Written& number, const std::string& name) {
   const Drive& d = number.drive;
   const Members m = number.members ? members_of(d) : Members{};
+  const CWinding winding = c_winding(d);
   std::vector<std::pair<std::string, std::string>> all = {
       {"@LOAD@", load(number)},
       {"@HEAT@", heat(number)},
       {"@BRISTLE@", bristle_end(d.dynamics)},
+      {"@WINDING_HEAD@", winding.head},
+      {"@WINDING_STATE@", winding.state},
+      {"@WINDING_DECLARATIONS@", winding.declarations},
+      {"@WINDING_LIMIT@", winding.limit},
+      {"@WINDING_STEP@", winding.step},
       {"@PARAMETERS@", m.parameters},
       {"@MEMBERS@", m.state},
       {"@DEFAULTS@", m.defaults},
@@ -535,7 +551,7 @@ std::string libm_of(const std::string& text) {
 }
 
 /// A joint that starts, turns back, rests, is loaded, warms up and wears: one step a row.
-std::string self_test(const Drive& d, const std::string& name) {
+std::string self_test_rows(const Drive& d) {
   drive::Sliding s;
   const double reach = std::min(d.law.range.speed_max_rad_s, 300 * d.speed_scale()) / d.speed_scale();
   std::string rows;
@@ -547,24 +563,31 @@ std::string self_test(const Drive& d, const std::string& name) {
     drive::Faults faults{};
     faults.boundary = faults.stribeck_velocity = severity, faults.viscous = -0.5 * severity;
     faults.ripple = k < 32 ? 0 : 0.1, faults.backlash_rad = k < 40 ? 0 : 1e-3;
+    faults.torque_loss = d.winding.present() ? severity : 0;
     drive::set_faults(s.workspace, faults);
     const double friction = drive::slide(d, thermal::decay(d.thermal, dt), speed, load, s);
-    const double row[] = {speed,
-                          load,
-                          dt,
-                          severity,
-                          faults.viscous,
-                          faults.ripple,
-                          faults.backlash_rad,
-                          friction,
-                          drive::temperature_degC(d, s.state)};
+    std::vector<double> row = {speed,
+                               load,
+                               dt,
+                               severity,
+                               faults.viscous,
+                               faults.ripple,
+                               faults.backlash_rad,
+                               friction,
+                               drive::temperature_degC(d, s.state)};
+    if (d.winding.present()) row.insert(row.end(), {drive::winding_degC(d, s.state), s.workspace.current_A});
     rows += fmt::format("  {{{}}},\n", joined_numbers(row));
   }
+  return rows;
+}
+
+std::string self_test(const Drive& d, const std::string& name) {
+  const bool winds = d.winding.present();
   return filled(R"(
 #if defined(@UPPER@_SELF_TEST) || defined(@UPPER@_SELF_TEST_MAIN)
-/* speed_rad_s, load_nm, dt_s, boundary and stribeck_velocity, viscous, ripple, backlash_rad; then friction_nm and
- * temperature_degC, as tribotwin computes them. */
-static const double @NAME@_rows[48][9] = {
+/* speed_rad_s, load_nm, dt_s, boundary and stribeck_velocity@LOSES@, viscous, ripple, backlash_rad; then friction_nm and
+ * temperature_degC@WARMS@, as tribotwin computes them. */
+static const double @NAME@_rows[48][@COLUMNS@] = {
 @ROWS@};
 
 static int @NAME@_differs(double x, double expected)
@@ -583,11 +606,11 @@ int @NAME@_self_test(void)
     double friction;
     s.boundary = row[3];
     s.stribeck_velocity = row[3];
-    s.viscous = row[4];
+@LOSS@    s.viscous = row[4];
     s.ripple = row[5];
     s.backlash_rad = row[6];
     friction = @NAME@_step(&s, row[0], row[1], row[2]);
-    if (@NAME@_differs(friction, row[7]) || @NAME@_differs(@NAME@_temperature(&s), row[8])) ++wrong;
+    if (@NAME@_differs(friction, row[7]) || @NAME@_differs(@NAME@_temperature(&s), row[8])@WINDING@) ++wrong;
   }
   return wrong;
 }
@@ -602,7 +625,16 @@ int main(void)
 
 #endif
 )",
-                {{"@ROWS@", rows}, {"@UPPER@", c_upper(name)}, {"@NAME@", name}});
+                {{"@ROWS@", self_test_rows(d)},
+                 {"@COLUMNS@", winds ? "11" : "9"},
+                 {"@LOSES@", winds ? " and torque_loss" : ""},
+                 {"@WARMS@", winds ? ", winding temperature and current_A" : ""},
+                 {"@LOSS@", winds ? "    s.torque_loss = row[3];\n" : ""},
+                 {"@WINDING@", winds ? " ||\n        @NAME@_differs(@NAME@_winding_temperature(&s), row[9]) || "
+                                       "@NAME@_differs(s.current_A, row[10])"
+                                     : ""},
+                 {"@UPPER@", c_upper(name)},
+                 {"@NAME@", name}});
 }
 
 }  // namespace
@@ -625,8 +657,8 @@ Result<std::string> c_source(const Drive& d, const std::string& name, JointNumbe
         "the name '{}' becomes part of C: use letters, digits and _, a letter first, at most 40, no keyword", name));
   const Written number{d, numbers == JointNumbers::members};
   const auto all = words(number, name);
-  const std::string last =
-      (d.dynamics == Dynamics::lugre ? lugre_most : std::string()) + set_up + step_head + limit(d) + step_tail;
+  const std::string last = (d.dynamics == Dynamics::lugre ? lugre_most : std::string()) + set_up +
+                           c_winding(d).functions + step_head + limit(d) + step_tail;
   const std::string main =
       filled(filled(c_law(d.law, name, numbers) + level(number) + last, all), {{"\n\n\n", "\n\n"}});
   std::string helpers;

@@ -37,9 +37,18 @@ std::string start_values(const std::vector<FmuVariable>& variables) {
   return lines;
 }
 
+/// Lines that give the joint its temperatures at the start.
+std::string start_temperatures(const drive::Drive& d) {
+  std::string lines;
+  if (has_heat(d)) lines += "  @NAME@_set_temperature(&s->joint, s->start_degC);\n";
+  if (d.winding.present()) lines += "  @NAME@_set_winding_temperature(&s->joint, s->winding_start_degC);\n";
+  return lines;
+}
+
 std::string functions_of(const drive::Drive& d, const std::string& name, FmiVersion version) {
   const auto variables = fmu_variables(d);
   const bool heat = has_heat(d);
+  const bool winding = d.winding.present();
   const bool two = version == FmiVersion::two;
   const std::string text = std::string(two ? fmi2_types : fmi3_types) + fmu_modes + fmu_joint_head + fmu_calls +
                            fmu_joint + fmi_functions + (two ? fmi2_functions : fmi3_functions);
@@ -53,9 +62,11 @@ std::string functions_of(const drive::Drive& d, const std::string& name, FmiVers
                        {"@VARIABLES@", variable_rows(variables)},
                        {"@COUNT@", std::to_string(variables.size() - 1)},
                        {"@WARMTH@", heat ? "ambient" : "held"},
-                       {"@START@", heat ? "start_degC, " : ""},
+                       {"@START@", std::string(heat ? "start_degC, " : "") +
+                                       (winding ? "winding_start_degC, winding_degC, " : "")},
                        {"@START_VALUE@", start_values(variables)},
-                       {"@START_TEMPERATURE@", heat ? "  @NAME@_set_temperature(&s->joint, s->start_degC);\n" : ""},
+                       {"@START_TEMPERATURE@", start_temperatures(d)},
+                       {"@RESULTS@", winding ? "  s->winding_degC = @NAME@_winding_temperature(&s->joint);\n" : ""},
                        {"@SURROUNDINGS@", heat ? "  s->joint.ambient_K = s->ambient_degC - @T_AMB@;\n"
                                                : "  @NAME@_set_temperature(&s->joint, s->held_degC);\n"},
                        {"@T_AMB@", c_number(d.thermal.T_amb_degC)},

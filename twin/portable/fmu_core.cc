@@ -248,7 +248,7 @@ static void fmu_evaluate(fmu_state *s)
   @NAME@_step(&s->joint, s->speed_rad_s, s->load_nm, 0.0);
   s->heat_W = s->joint.friction_nm * (fabs(s->speed_rad_s) <= @SPEED_MAX@ ? s->speed_rad_s : 0.0);
   s->temperature_degC = @NAME@_temperature(&s->joint);
-}
+@RESULTS@}
 
 static int fmu_step(fmu_instance *f, double time_s, double dt_s, const char *function)
 {
@@ -258,7 +258,7 @@ static int fmu_step(fmu_instance *f, double time_s, double dt_s, const char *fun
   @NAME@_step(&s->joint, s->speed_rad_s, s->load_nm, dt_s);
   s->heat_W = s->joint.friction_nm * (fabs(s->speed_rad_s) <= @SPEED_MAX@ ? s->speed_rad_s : 0.0);
   s->temperature_degC = @NAME@_temperature(&s->joint);
-  s->time_s = time_s + dt_s;
+@RESULTS@  s->time_s = time_s + dt_s;
   return 1;
 }
 

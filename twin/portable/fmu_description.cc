@@ -90,7 +90,8 @@ std::string unit_definitions(const std::vector<FmuVariable>& variables) {
       continue;
     }
     text += ">\n      <BaseUnit";
-    const std::pair<const char*, int> powers[] = {{"kg", u.kg}, {"m", u.m}, {"s", u.s}, {"K", u.K}, {"rad", u.rad}};
+    const std::pair<const char*, int> powers[] = {{"kg", u.kg}, {"m", u.m}, {"s", u.s},
+                                                  {"A", u.A},   {"K", u.K}, {"rad", u.rad}};
     for (const auto& [base, power] : powers)
       if (power != 0) text += fmt::format(" {}=\"{}\"", base, power);
     if (u.offset != 0) text += fmt::format(" offset=\"{}\"", u.offset);

@@ -30,6 +30,10 @@ void add_symbol(FmuUnit& unit, std::string_view symbol, int power) {
     add(0, 0, 0, 0, 1);
   else if (symbol == "K" || symbol == "degC")
     add(0, 0, 0, 1, 0);
+  else if (symbol == "A")
+    unit.A += power;
+  else if (symbol == "ohm")
+    add(1, 2, -3, 0, 0), unit.A -= 2 * power;
   else
     unit.known = false;
 }
@@ -59,7 +63,37 @@ void add_outputs(const drive::Drive& d, std::vector<FmuVariable>& all) {
   add("backlash_position", "1", "within the backlash, -1 .. 1", FmuKind::local, "joint.backlash_position");
 }
 
-void add_faults(std::vector<FmuVariable>& all) {
+/// Results of the winding, if there is one.
+void add_winding(const drive::Drive& d, std::vector<FmuVariable>& all) {
+  if (!d.winding.present()) return;
+  const auto add = [&](const char* name, const char* unit, const char* meaning, FmuKind kind, const char* member) {
+    all.push_back({.name = name, .unit = unit, .meaning = meaning, .kind = kind, .member = member});
+  };
+  add("winding_temperature_degC", "degC", "temperature of the winding", FmuKind::output, "winding_degC");
+  add("motor_current_A", "A", "current that load, friction and offset need, at most its limit", FmuKind::output,
+      "joint.current_A");
+  add("motor_current_limit_A", "A", "largest current that the drive gives in the step", FmuKind::output,
+      "joint.current_limit_A");
+  add("overload", "1", "share of the overload that I^2 t protection allows; 0 without", FmuKind::output,
+      "joint.overload");
+  add("copper_loss_J", "J", "heat made in the winding since the start", FmuKind::local, "joint.copper_loss_J");
+  add("winding_heat_J", "J", "of it, what has flowed to the gear: a part of heat_J", FmuKind::local,
+      "joint.winding_heat_J");
+}
+
+void add_start(const char* name, const char* meaning, double T_amb_degC, const char* member,
+               std::vector<FmuVariable>& all) {
+  all.push_back({.name = name,
+                 .unit = "degC",
+                 .meaning = meaning,
+                 .kind = FmuKind::fixed,
+                 .start = T_amb_degC,
+                 .minimum = -273.15,
+                 .maximum = 1000,
+                 .member = member});
+}
+
+void add_faults(const drive::Drive& d, std::vector<FmuVariable>& all) {
   const auto add = [&](const char* name, const char* unit, const char* meaning, double minimum, double maximum) {
     all.push_back({.name = fmt::format("fault_{}", name),
                    .unit = unit,
@@ -74,6 +108,8 @@ void add_faults(std::vector<FmuVariable>& all) {
   add("viscous", "1", "fault: relative change of viscous friction", -0.99, 100);
   add("ripple", "1", "pitted bearing: friction times (1 + ripple cos(motor angle))", 0, 1);
   add("backlash_rad", "rad", "backlash, arm side", 0, 1);
+  if (d.winding.present())
+    add("torque_loss", "1", "fault: share of the torque computed from the current that does not come", 0, 0.9);
 }
 
 }  // namespace
@@ -131,15 +167,12 @@ std::vector<FmuVariable> fmu_variables(const drive::Drive& d) {
                  .maximum = 1000,
                  .member = has_heat(d) ? "ambient_degC" : "held_degC"});
   add_outputs(d, all);
+  add_winding(d, all);
   if (has_heat(d))
-    all.push_back({.name = "temperature_start_degC",
-                   .unit = "degC",
-                   .meaning = "temperature of the lubricant at the start",
-                   .kind = FmuKind::fixed,
-                   .start = T_amb,
-                   .minimum = -273.15,
-                   .maximum = 1000,
-                   .member = "start_degC"});
+    add_start("temperature_start_degC", "temperature of the lubricant at the start", T_amb, "start_degC", all);
+  if (d.winding.present())
+    add_start("winding_temperature_start_degC", "temperature of the winding at the start", T_amb, "winding_start_degC",
+              all);
   for (const JointParameter& p : joint_parameters(d))
     all.push_back({.name = std::string(p.name),
                    .unit = p.unit,
@@ -149,7 +182,7 @@ std::vector<FmuVariable> fmu_variables(const drive::Drive& d) {
                    .minimum = p.minimum,
                    .maximum = p.maximum,
                    .member = fmt::format("joint.p.{}", p.name)});
-  add_faults(all);
+  add_faults(d, all);
   all.push_back({.name = "outside",
                  .unit = "",
                  .meaning = "an input lay outside the range of the law, or was no number",

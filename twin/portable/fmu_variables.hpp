@@ -30,11 +30,11 @@ std::string fmu_token(const std::vector<FmuFile>& files);
 /// License and origin; `of`: whose the numbers are.
 std::string fmu_license(const std::string& of);
 
-/// A unit in FMI's spelling ("N.m.s/rad", for "Nm s/rad") and its powers of kg, m, s, K, rad.
+/// A unit in FMI's spelling ("N.m.s/rad", for "Nm s/rad") and its powers of kg, m, s, K, rad, A.
 struct FmuUnit {
   std::string name;
   bool known = true;  ///< false: a power of it is a parameter
-  int kg = 0, m = 0, s = 0, K = 0, rad = 0;
+  int kg = 0, m = 0, s = 0, K = 0, rad = 0, A = 0;
   double offset = 0;  ///< degC
 };
 FmuUnit fmu_unit(const std::string& unit);

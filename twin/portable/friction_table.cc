@@ -89,6 +89,7 @@ std::string lost_of(const drive::Drive& d) {
   std::string lost = "sticking";
   if (d.dynamics != drive::Dynamics::none) lost += ", bristles (presliding, hysteresis)";
   if (d.thermal.order != thermal::Order::prescribed) lost += ", heat: temperature is an input";
+  if (d.winding.present()) lost += ", the winding: its heat and the current limit";
   if (d.load_filter_s > 0) lost += ", the filter of the load";
   if (d.offset_nm != 0) lost += fmt::format(", the offset of {:g} Nm", d.offset_nm);
   return lost + ", faults";

@@ -7,6 +7,19 @@
 namespace tribotwin::twin {
 namespace {
 
+/// The keys of its winding that count: those of I^2 t protection only where it has one.
+std::vector<std::pair<const Key*, double>> winding_numbers(const drive::Drive& d) {
+  std::vector<std::pair<const Key*, double>> all;
+  if (!d.winding.present()) return all;
+  thermal::Winding winding = d.winding;
+  const auto values = drive::winding_values(winding);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const bool of_protection = values[i] == &winding.current_rated_A || values[i] == &winding.overload_s;
+    if (!of_protection || winding.current_rated_A > 0) all.emplace_back(&drive::winding_keys()[i], *values[i]);
+  }
+  return all;
+}
+
 /// Values from which `place` makes exactly this model. Those of `thermal::values` may miss it by a rounding.
 std::vector<double> exact_values(const thermal::Model& model) {
   const std::vector<double> values = thermal::values(model);
@@ -41,9 +54,11 @@ std::vector<JointParameter> joint_parameters(const drive::Drive& d) {
                                                      {"gear_ratio", d.gear_ratio},
                                                      {"load_filter_s", d.load_filter_s},
                                                      {"asymmetry", d.asymmetry}};
-  for (const auto& [name, value] : own)
+  const auto add_own = [&](std::string_view name, double value) {
     add(*std::ranges::find(drive::number_keys(), name, [](const Key& key) { return std::string_view(key.name); }),
         value);
+  };
+  for (const auto& [name, value] : own) add_own(name, value);
   drive::Drive copy = d;
   const auto values = drive::dynamics_values(copy);
   for (const drive::DynamicsInfo& info : drive::dynamics_table())
@@ -54,6 +69,8 @@ std::vector<JointParameter> joint_parameters(const drive::Drive& d) {
     const thermal::Parameter& p = thermal::parameters(d.thermal.order)[i];
     all.push_back({p.name, std::string(p.unit), heat[i], p.minimum, p.maximum, p.meaning});
   }
+  if (d.winding.present()) add_own("offset_nm", d.offset_nm);  // a part of what its current bears
+  for (const auto& [key, value] : winding_numbers(d)) add(*key, value);
   return all;
 }
 

@@ -16,7 +16,8 @@ struct JointParameter {
   std::string_view meaning;
 };
 
-/// Those of the law, of its bristles and of its heat, and the drive's own that its friction depends on.
+/// Those of the law, of its bristles, of its heat and of its winding, and the drive's own that friction or the
+/// winding's current depend on.
 std::vector<JointParameter> joint_parameters(const drive::Drive& drive);
 
 }  // namespace tribotwin::twin

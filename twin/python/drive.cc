@@ -1,4 +1,5 @@
 #include <cmath>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -162,6 +163,20 @@ void set_temperature(PythonDrive& d, double temperature_degC) {
   drive::set_temperature(d.drive, d.sliding.state, temperature_degC);
 }
 
+std::optional<double> winding_temperature(const PythonDrive& d) {
+  if (!d.drive.winding.present()) return std::nullopt;
+  return drive::winding_degC(d.drive, d.sliding.state);
+}
+
+void set_winding_temperature(PythonDrive& d, double temperature_degC) {
+  if (!d.drive.winding.present())
+    throw Failure(fmt::format("drive '{}' has no winding; the key winding_resistance_ohm gives it one", d.drive.name));
+  if (!(temperature_degC >= -273.15 && temperature_degC <= 1000))
+    throw Failure(
+        fmt::format("winding_temperature_degC is {} but must be within -273.15 .. 1000 [degC]", temperature_degC));
+  drive::set_winding(d.drive, d.sliding.state, temperature_degC);
+}
+
 void bind_faults(py::module_& m) {
   using drive::FaultInfo;
   py::class_<FaultInfo>(m, "FaultInfo", "A row of the table of faults.")
@@ -181,16 +196,49 @@ void bind_faults(py::module_& m) {
       "All faults of a drive by name, in the order of the documentation.");
 }
 
+/// A property that a step has left in the workspace.
+void bind_output(py::class_<PythonDrive>& c, const char* name, double drive::Workspace::*member, const char* meaning) {
+  c.def_property_readonly(
+      name, [member](const PythonDrive& d) { return d.sliding.workspace.*member; }, meaning);
+}
+
+void bind_winding(py::class_<PythonDrive>& c) {
+  bind_output(c, "motor_current_A", &drive::Workspace::current_A, "Current of the last step [A]; 0 without a winding.");
+  bind_output(c, "motor_current_limit_A", &drive::Workspace::current_limit_A,
+              "Largest current in the step under way, or the last one [A]; 0 without a winding.");
+  bind_output(c, "copper_loss_J", &drive::Workspace::copper_loss_J, "Heat made in the winding since the start [J].");
+  bind_output(c, "winding_heat_J", &drive::Workspace::winding_heat_J, "Of it, what has flowed to the gear [J].");
+  c.def_property("winding_temperature_degC", &winding_temperature, &set_winding_temperature,
+                 "Temperature of the winding now [degC]; None without a winding.")
+      .def_property_readonly(
+          "overload", [](const PythonDrive& d) { return d.sliding.state.winding.overload; },
+          "Share of the overload that I^2 t protection allows, 0 .. 1; 0 without.")
+      .def(
+          "limited_torque",
+          [](const PythonDrive& d, double torque_nm) {
+            return drive::within_current_limit(d.drive, d.sliding.workspace, torque_nm);
+          },
+          py::arg("torque_nm"),
+          "What the drive gives of a motor torque in the step under way [Nm, arm side], by its current limit.")
+      .def_property_readonly(
+          "delivered_share",
+          [](const PythonDrive& d) {
+            const drive::Workspace& s = d.sliding.workspace;
+            return (1 - s.faults.torque_loss) * (1 - s.hot_torque_loss);
+          },
+          "Share of the torque by the current that acts in the step under way: warm magnets, the fault "
+          "torque_constant.");
+}
+
 void bind_state(py::class_<PythonDrive>& c) {
   const auto output = [&c](const char* name, double drive::Workspace::*member, const char* meaning) {
-    c.def_property_readonly(
-        name, [member](const PythonDrive& d) { return d.sliding.workspace.*member; }, meaning);
+    bind_output(c, name, member, meaning);
   };
   output("friction_nm", &drive::Workspace::friction_nm, "Friction of the last step [Nm, arm side, with motion].");
   output("limit_nm", &drive::Workspace::limit_nm, "Friction limit of the last step, brake included [Nm, arm side].");
   output("applied_nm", &drive::Workspace::applied_nm, "Torque of the bristles in the last step [Nm, arm side].");
   output("torque_nm", &drive::Workspace::torque_nm, "Motor torque by the current, last step [Nm, arm side].");
-  output("heat_J", &drive::Workspace::heat_J, "Heat since the start [J].");
+  output("heat_J", &drive::Workspace::heat_J, "Heat of the gear since the start, winding_heat_J included [J].");
   output("friction_work_J", &drive::Workspace::friction_work_J, "Work of friction since the start [J].");
   c.def_property(
        "temperature_degC", [](const PythonDrive& d) { return drive::temperature_degC(d.drive, d.sliding.state); },
@@ -244,6 +292,7 @@ void bind_drives(py::module_& m) {
       .def_property_readonly(
           "gear_ratio", [](const PythonDrive& d) { return d.drive.gear_ratio; }, "Motor turns per joint turn.");
   bind_state(c);
+  bind_winding(c);
   m.def("friction_limit", &friction_limit, py::arg("drive"), py::arg("speed_rad_s"), py::arg("load_nm"),
         py::arg("temperature_degC"), about_limit);
 }

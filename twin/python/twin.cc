@@ -3,6 +3,7 @@
 #include <cmath>
 #include <exception>
 #include <functional>
+#include <limits>
 #include <memory>
 
 #include <fmt/format.h>
@@ -310,6 +311,31 @@ void bind_array(py::class_<PythonTwin>& c, const char* name, Value value, const 
       meaning);
 }
 
+/// Arrays that are NaN for joints whose motor has no winding.
+void bind_windings(py::class_<PythonTwin>& c) {
+  const auto bind = [&c](const char* name, auto value, const char* meaning) {
+    bind_array(
+        c, name,
+        [value](const PythonTwin& p, std::size_t i) {
+          return p.binding(i).drive.winding.present() ? value(*p.twin, i) : std::numeric_limits<double>::quiet_NaN();
+        },
+        meaning);
+  };
+  using T = const twin::Twin&;
+  bind(
+      "winding_temperature_degC", [](T t, std::size_t i) { return t.winding_degC(i); },
+      "Temperatures of the windings now [degC]; NaN without a winding.");
+  bind(
+      "motor_current_A", [](T t, std::size_t i) { return t.drive(i).current_A; },
+      "Motor currents in the last step [A]; NaN without a winding.");
+  bind(
+      "motor_current_limit_A", [](T t, std::size_t i) { return t.drive(i).current_limit_A; },
+      "Largest currents of the drives in the last step [A]; NaN without a winding.");
+  bind(
+      "copper_loss_J", [](T t, std::size_t i) { return t.drive(i).copper_loss_J; },
+      "Heat made in the windings since the start [J]; NaN without a winding.");
+}
+
 void bind_arrays(py::class_<PythonTwin>& c) {
   using P = const PythonTwin&;
   bind_array(
@@ -335,6 +361,7 @@ void bind_arrays(py::class_<PythonTwin>& c) {
       "Gear torques at which friction of the last step was evaluated [Nm, arm side].");
   bind_array(
       c, "heat_J", [](P p, std::size_t i) { return p.twin->drive(i).heat_J; }, "Heat since the start [J].");
+  bind_windings(c);
 }
 
 void bind_properties(py::class_<PythonTwin>& c) {

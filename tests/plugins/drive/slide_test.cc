@@ -62,5 +62,63 @@ TEST(Slide, WhatIsNoNumberCountsAsNothing) {
   EXPECT_EQ(temperature_degC(d, s.state), before);
 }
 
+/// At rest, beside a gear that stays at 40 degC. 1 A is 20 Nm at the joint.
+Drive with_winding() {
+  Drive d = heated();
+  d.thermal = thermal::make_model(thermal::Order::prescribed, 40, {});
+  d.gear_ratio = 100;
+  d.winding = {.resistance_ohm = 0.8,
+               .torque_constant_nm_A = 0.2,
+               .heat_capacity_J_K = 4,
+               .thermal_resistance_K_W = 0.5,
+               .warning_degC = 90,
+               .limit_degC = 120,
+               .current_max_A = 30};
+  return d;
+}
+
+TEST(Slide, AWindingWarmsByTheCurrentOfLoadAndOffset) {
+  Drive d = with_winding();
+  d.offset_nm = 40;
+  for (const double dt : {1e-3, 0.1, 3.0}) {
+    Sliding s;
+    set_winding(d, s.state, 40);
+    const int steps = static_cast<int>(3 / dt);
+    for (int k = 0; k < steps; ++k) slide(d, thermal::decay(d.thermal, dt), 0, 160, s);
+    EXPECT_DOUBLE_EQ(s.workspace.current_A, 10);
+    const double loss_W = 10 * 10 * 0.8, end_K = loss_W * 0.5 * -std::expm1(-steps * dt / (0.5 * 4));
+    EXPECT_NEAR(winding_degC(d, s.state), 40 + end_K, 1e-9) << dt;
+    EXPECT_NEAR(s.workspace.copper_loss_J, loss_W * steps * dt, 1e-8) << dt;
+    EXPECT_NEAR(s.workspace.winding_heat_J, loss_W * steps * dt - 4 * end_K, 1e-8) << dt;
+    EXPECT_EQ(s.workspace.heat_J, s.workspace.winding_heat_J);  // at rest there is no other
+  }
+}
+
+TEST(Slide, AWindingTakesNoMoreCurrentThanTheDriveGives) {
+  Drive d = with_winding();
+  d.winding.copper_1_K = 0.004;
+  // Where copper loss at the limit equals what flows to the gear.
+  double low_degC = 90, high_degC = 120;
+  for (int i = 0; i < 100; ++i) {
+    const double T = (low_degC + high_degC) / 2, I = 30 * (120 - T) / 30;
+    (I * I * 0.8 * (1 + 0.004 * (T - 25)) * 0.5 > T - 40 ? low_degC : high_degC) = T;
+  }
+  Sliding s;
+  set_winding(d, s.state, 40);
+  slide(d, thermal::decay(d.thermal, 1e-3), 0, 5000, s);
+  EXPECT_EQ(s.workspace.current_A, 30);
+  for (int k = 0; k < 60'000; ++k) slide(d, thermal::decay(d.thermal, 1e-3), 0, 5000, s);
+  EXPECT_NEAR(winding_degC(d, s.state), low_degC, 1e-9);
+  EXPECT_EQ(s.workspace.current_A, s.workspace.current_limit_A);
+}
+
+TEST(Slide, AMotorWithALowTorqueConstantTakesMoreCurrent) {
+  const Drive d = with_winding();
+  Sliding s;
+  set_faults(s.workspace, {.torque_loss = 0.2});
+  slide(d, thermal::decay(d.thermal, 1e-3), 0, 160, s);
+  EXPECT_DOUBLE_EQ(s.workspace.current_A, 10);
+}
+
 }  // namespace
 }  // namespace tribotwin::drive

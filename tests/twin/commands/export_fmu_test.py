@@ -126,6 +126,45 @@ def steps_equal_joint_c():
     check("friction follows", abs(fmu.get("friction_nm")) > abs(friction) + 100, f"{friction} {fmu.get('friction_nm')}")
 
 
+MOTOR = """<mujoco><option timestep="0.001" tolerance="1e-10"/>
+<extension><plugin plugin="tribotwin.drive"><instance name="j"><config key="law" value="stribeck"/>
+  <config key="Fc" value="0.03"/><config key="Fs" value="0.02"/><config key="Fv" value="4e-4"/>
+  <config key="vs" value="10"/><config key="alpha" value="1.3"/><config key="torque_max_nm" value="100"/>
+  <config key="gear_ratio" value="50"/><config key="winding_resistance_ohm" value="0.5"/>
+  <config key="torque_constant_nm_A" value="0.1"/><config key="winding_heat_capacity_J_K" value="5"/>
+  <config key="winding_thermal_resistance_K_W" value="0.4"/></instance></plugin></extension>
+<worldbody><body><joint name="joint2" armature="2" frictionloss="1" solreffriction=".001 1"
+  solimpfriction=".9999 .9999 .001 .5 2"/><geom size=".1" mass="4"/></body></worldbody>
+<actuator><plugin name="drive" joint="joint2" plugin="tribotwin.drive" instance="j" actdim="6" dyntype="user"/>
+</actuator></mujoco>"""
+
+
+def motor_with_winding():
+    with open(path("motor.xml"), "w") as f:
+        f.write(MOTOR)
+    made = run(program, "export", "motor.xml", "--c", "motor.c", "--name", "motor")
+    check("joint.c of a motor", made.returncode == 0, made.stderr)
+    made = run("cc", "-std=c99", "-DMOTOR_SELF_TEST_MAIN", "motor.c", "-o", "motor", "-lm")
+    check("its self test", made.returncode == 0 and run(path("motor")).returncode == 0, made.stderr)
+    made = run(program, "export", "motor.xml", "--fmu", "motor.fmu", "--name", "joint2")
+    check("its FMU", made.returncode == 0, made.stderr)
+    root, variables = described("motor.fmu")
+    base = {u.attrib["name"]: dict(b.attrib) for u in root.iter("Unit") for b in u}
+    check("ohm", base.get("ohm") == {"kg": "1", "m": "2", "s": "-3", "A": "-2"}, str(base))
+    check("Nm/A", base.get("N.m/A") == {"kg": "1", "m": "2", "s": "-2", "A": "-1"}, str(base))
+    fmu = Fmi2("motor.fmu")
+    fmu.begin()
+    assert fmu.set("load_nm", 25.0) == 0  # 5 A at rest: 12.5 W
+    for k in range(1000):
+        assert fmu.step(k * 1e-3, 1e-3) == 0
+    rise = 0.0
+    for _ in range(1000):
+        warm = 5 / (1 - 1e-3 * rise)  # amperes beside weaker magnets
+        rise += (warm**2 * 0.5 * (1 + 0.00393 * rise) - rise / 0.4) * 1e-3 / 5
+    found = fmu.get("winding_temperature_degC")
+    check("its winding warms", abs(found - 25 - rise) < 1e-3 * rise and rise > 1.5, f"{found} {rise}")
+
+
 made = run(program, "export", model, "--joint", "joint2", "--fmu", "two.fmu")
 check("FMI 2", made.returncode == 0 and made.stdout == "" and made.stderr == "", made.stderr)
 made = run(program, "export", model, "--joint", "joint2", "--fmu", "three.fmu", "--fmi", 3, "--json")
@@ -140,6 +179,7 @@ tokens = [check_description("two.fmu", 2), check_description("three.fmu", 3)]
 check("tokens", all(re.fullmatch(r"\{[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}\}", t) for t in tokens), str(tokens))
 check("each its own", tokens[0] != tokens[1])
 steps_equal_joint_c()
+motor_with_winding()
 
 made = run(
     program, "export", "params.yaml", "--fmu", "gear.fmu", "--name", "gear", "--tau-max", 7500, "--gear-ratio", 178

@@ -20,9 +20,15 @@ struct CState {
   double temperature_degC, friction_nm, limit_nm, heat_J;
   int outside;
 };
+/// Follows where the motor has a winding.
+struct CMotor {
+  double torque_loss, winding_K, overload, current_A, current_limit_A, copper_loss_J, winding_heat_J;
+};
 /// With JointNumbers::members its parameters follow, and what follows from them.
 struct Room : CState {
-  std::array<double, 100> parameters;
+  std::array<double, 120> more;
+  CMotor& motor() { return *reinterpret_cast<CMotor*>(more.data()); }
+  double* parameters(bool winding) { return more.data() + (winding ? sizeof(CMotor) / sizeof(double) : 0); }
 };
 
 std::string name_of(std::size_t i) { return fmt::format("joint{}", i); }
@@ -45,17 +51,36 @@ class CSource : public testing::Test {
   Folder folder;
 };
 
-TEST_F(CSource, CoversEveryLawAndDynamics) { ASSERT_EQ(all.size(), 2 * 3 * friction::laws().size()); }
+TEST_F(CSource, CoversEveryLawAndDynamicsWithWindingAndWithout) {
+  ASSERT_EQ(all.size(), 2 * 3 * friction::laws().size());
+  const auto windings = std::ranges::count_if(all, [](const Drive& d) { return d.winding.present(); });
+  EXPECT_GT(windings, static_cast<long>(all.size() / 3));
+  EXPECT_LT(windings, static_cast<long>(2 * all.size() / 3));
+  EXPECT_TRUE(std::ranges::any_of(all, [](const Drive& d) { return d.winding.current_rated_A > 0; }));
+}
+
+/// What a joint's winding has done in C and in C++.
+void compare_windings(const CMotor& c, const drive::Sliding& s) {
+  EXPECT_EQ(c.winding_K, s.state.winding.rise_K);
+  EXPECT_EQ(c.overload, s.state.winding.overload);
+  EXPECT_EQ(c.current_A, s.workspace.current_A);
+  EXPECT_EQ(c.current_limit_A, s.workspace.current_limit_A);
+  EXPECT_EQ(c.copper_loss_J, s.workspace.copper_loss_J);
+  EXPECT_EQ(c.winding_heat_J, s.workspace.winding_heat_J);
+}
 
 /// The same doubles as drive::slide, over 10^5 random steps with faults, inputs beyond the range and no numbers. With
 /// `tune` other numbers are set first.
 void compare(std::vector<Drive> all, void* library, bool tune = false) {
-  std::size_t steps = 0, sliding = 0, outside = 0;
+  std::size_t steps = 0, sliding = 0, outside = 0, flowing = 0, limited = 0;
   for (std::size_t i = 0; i < all.size(); ++i) {
     const auto find = [&](const char* what) { return dlsym(library, (name_of(i) + what).c_str()); };
     const auto step = reinterpret_cast<double (*)(CState*, double, double, double)>(find("_step"));
     const auto temperature = reinterpret_cast<double (*)(const CState*)>(find("_temperature"));
     const auto heat_up = reinterpret_cast<void (*)(CState*, double)>(find("_set_temperature"));
+    const bool winding = all[i].winding.present();
+    const auto heat_winding =
+        winding ? reinterpret_cast<void (*)(CState*, double)>(find("_set_winding_temperature")) : nullptr;
     Room c;
     reinterpret_cast<void (*)(CState*)>(find("_init"))(&c);
     drive::Sliding s;
@@ -63,7 +88,7 @@ void compare(std::vector<Drive> all, void* library, bool tune = false) {
     if (tune) {
       all[i] = tuned(all[i], random);
       const auto parameters = joint_parameters(all[i]);
-      for (std::size_t k = 0; k < parameters.size(); ++k) c.parameters[k] = parameters[k].value;
+      for (std::size_t k = 0; k < parameters.size(); ++k) c.parameters(winding)[k] = parameters[k].value;
       reinterpret_cast<void (*)(CState*)>(find("_changed"))(&c);
     }
     for (int k = 0; k < 2200; ++k, ++steps) {
@@ -72,8 +97,10 @@ void compare(std::vector<Drive> all, void* library, bool tune = false) {
         drive::set_faults(s.workspace, f);
         c.boundary = f.boundary, c.stribeck_velocity = f.stribeck_velocity, c.viscous = f.viscous;
         c.ripple = f.ripple, c.backlash_rad = f.backlash_rad;
+        if (winding) c.motor().torque_loss = f.torque_loss;
         const double degC = uniform(random, -20, 120);
         drive::set_temperature(all[i], s.state, degC), heat_up(&c, degC);
+        if (winding) drive::set_winding(all[i], s.state, degC + 30), heat_winding(&c, degC + 30);
         s.workspace.ambient_offset_K = c.ambient_K = uniform(random, -20, 20);
       }
       const double scale = all[i].speed_scale();
@@ -89,12 +116,20 @@ void compare(std::vector<Drive> all, void* library, bool tune = false) {
       ASSERT_EQ(c.outside != 0, s.workspace.outside != 0) << i << " step " << k;
       ASSERT_EQ(c.limit_nm, s.workspace.limit_nm) << i << " step " << k;
       sliding += expected != 0, outside += c.outside != 0;
+      if (!winding) continue;
+      compare_windings(c.motor(), s);
+      if (testing::Test::HasFailure()) FAIL() << i << " step " << k;
+      const double current = std::abs(c.motor().current_A);
+      flowing += current > 0 && current < c.motor().current_limit_A;
+      limited += current > 0 && current == c.motor().current_limit_A;
     }
     ASSERT_EQ(c.heat_J, s.workspace.heat_J) << i;
   }
   EXPECT_GT(steps, 100'000u);
   EXPECT_GT(sliding, steps / 2);
   EXPECT_GT(outside, steps / 100);
+  EXPECT_GT(flowing, steps / 20);
+  EXPECT_GT(limited, steps / 20);
 }
 
 class CSourceWith : public CSource, public testing::WithParamInterface<JointNumbers> {};

@@ -69,6 +69,7 @@ struct Pair {
   Random random;
   drive::Sliding s{};
   double time_s = 0;
+  int windings = 0;  ///< steps with a current below its limit
 
   bool heats() const { return drive.thermal.order != thermal::Order::prescribed; }
   bool in_range() const {
@@ -92,6 +93,7 @@ struct Pair {
     for (const JointParameter& p : joint_parameters(drive)) add(p.name, p.value);
     add("fault_boundary", f.boundary), add("fault_stribeck_velocity", f.stribeck_velocity);
     add("fault_viscous", f.viscous), add("fault_ripple", f.ripple), add("fault_backlash_rad", f.backlash_rad);
+    if (drive.winding.present()) add("fault_torque_loss", f.torque_loss);
     ASSERT_EQ(instance.set(references, values.data()), ok);
   }
   void step(int k) {
@@ -118,12 +120,23 @@ struct Pair {
     bool outside = false;
     ASSERT_EQ(instance.outside(fmu["outside"], outside), ok);
     ASSERT_EQ(outside, s.workspace.outside != 0) << k;
+    if (drive.winding.present()) compare_winding(k);
+  }
+  void compare_winding(int k) {
+    ASSERT_EQ(instance.get(fmu["winding_temperature_degC"]), drive::winding_degC(drive, s.state)) << k;
+    ASSERT_EQ(instance.get(fmu["motor_current_A"]), s.workspace.current_A) << k;
+    ASSERT_EQ(instance.get(fmu["motor_current_limit_A"]), s.workspace.current_limit_A) << k;
+    ASSERT_EQ(instance.get(fmu["overload"]), s.state.winding.overload) << k;
+    ASSERT_EQ(instance.get(fmu["copper_loss_J"]), s.workspace.copper_loss_J) << k;
+    ASSERT_EQ(instance.get(fmu["winding_heat_J"]), s.workspace.winding_heat_J) << k;
+    windings += s.workspace.current_A != 0 && std::abs(s.workspace.current_A) < s.workspace.current_limit_A;
   }
 };
 
 /// Two instances of each FMU at once, with inputs of their own; both compilers.
 TEST_P(Standard, StepsEqualCppBitByBit) {
   ASSERT_EQ(all.size(), 3 * friction::laws().size());
+  int windings = 0;
   for (std::size_t i = 0; i < all.size(); ++i) {
     SCOPED_TRACE(fmt::format("joint {}", i));
     const Fmu fmu(all[i], GetParam(), i % 2 ? "clang" : "gcc");
@@ -138,7 +151,9 @@ TEST_P(Standard, StepsEqualCppBitByBit) {
         if (HasFatalFailure()) return;
       }
     EXPECT_EQ(one->terminate(), ok);
+    for (const Pair& pair : pairs) windings += pair.windings;
   }
+  EXPECT_GT(windings, 1000);
   EXPECT_THAT(reported(), testing::IsEmpty());
 }
 
@@ -162,7 +177,9 @@ std::vector<std::vector<double>> run_on(Instance& instance, const Fmu& fmu, doub
 }
 
 TEST_P(Standard, StatesAreRestoredBitByBit) {
+  bool winding = false;
   for (std::size_t i = 0; i < all.size(); i += 5) {
+    winding = winding || all[i].winding.present();
     const Fmu fmu(all[i], GetParam());
     const auto one = instantiate(*fmu.library, GetParam(), fmu.token),
                two = instantiate(*fmu.library, GetParam(), fmu.token);
@@ -199,6 +216,7 @@ TEST_P(Standard, StatesAreRestoredBitByBit) {
     EXPECT_EQ(two->release(&carried), ok);
     EXPECT_EQ(state, nullptr);
   }
+  EXPECT_TRUE(winding);
 }
 
 TEST_P(Standard, WrongCallsAreErrors) {
@@ -267,25 +285,29 @@ TEST_P(Standard, RefusesInstancesThatAreNotMeant) {
 /// Start values, ranges and temperatures before the first step.
 TEST_P(Standard, StartsAsDescribed) {
   for (const Drive& drive : all) {
-    if (drive.thermal.order == thermal::Order::prescribed) continue;
+    if (drive.thermal.order == thermal::Order::prescribed || !drive.winding.present()) continue;
     const Fmu fmu(drive, GetParam());
     const auto one = instantiate(*fmu.library, GetParam(), fmu.token);
     ASSERT_TRUE(one->exists());
     for (const JointParameter& p : joint_parameters(drive)) EXPECT_EQ(one->get(fmu[std::string(p.name)]), p.value);
     EXPECT_EQ(one->get(fmu["ambient_degC"]), drive.thermal.T_amb_degC);
     ASSERT_EQ(one->set(fmu["temperature_start_degC"], 61), ok);
+    ASSERT_EQ(one->set(fmu["winding_temperature_start_degC"], 75), ok);
     ASSERT_EQ(one->set(fmu["speed_rad_s"], 0.5), ok);
     ASSERT_EQ(one->enter(0), ok);
     drive::Sliding s;
     drive::set_temperature(drive, s.state, 61);
+    drive::set_winding(drive, s.state, 75);
     const double friction = drive::slide(drive, thermal::decay(drive.thermal, 0), 0.5, 0, s);
     EXPECT_EQ(one->get(fmu["friction_nm"]), friction);  // of the inputs, in initialization mode
     ASSERT_EQ(one->exit(), ok);
     EXPECT_EQ(one->get(fmu["temperature_degC"]), drive::temperature_degC(drive, s.state));
+    EXPECT_EQ(one->get(fmu["winding_temperature_degC"]), drive::winding_degC(drive, s.state));
+    EXPECT_EQ(one->get(fmu["motor_current_limit_A"]), s.workspace.current_limit_A);
     EXPECT_EQ(one->set(fmu["temperature_start_degC"], 20), error);
     return;
   }
-  FAIL() << "no drive with heat";
+  FAIL() << "no drive with heat and a winding";
 }
 
 TEST_P(Standard, EveryFunctionAnswers) {

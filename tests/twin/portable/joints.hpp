@@ -33,6 +33,24 @@ inline double value_of(const friction::Parameter& p, Random& random) {
   return std::clamp(p.minimum < 0 && random() % 3 == 0 ? -size : size, p.minimum, p.maximum);
 }
 
+/// A winding that warms within seconds and minutes, with currents that reach its limits.
+inline void add_winding(Configuration& keys, Random& random) {
+  const auto add = [&](std::string_view key, double value) { keys.emplace_back(key, fmt::format("{}", value)); };
+  add("winding_resistance_ohm", std::pow(10, uniform(random, -1, 1)));
+  add("torque_constant_nm_A", std::pow(10, uniform(random, -1, 2)));
+  add("winding_heat_capacity_J_K", std::pow(10, uniform(random, 0, 3)));
+  add("winding_thermal_resistance_K_W", std::pow(10, uniform(random, -1, 1)));
+  if (coin(random)) add("winding_copper_1_K", uniform(random, 0, 0.01));
+  if (coin(random)) add("winding_magnet_1_K", uniform(random, 0, 0.01));
+  if (coin(random)) add("winding_reference_degC", uniform(random, 0, 40));
+  const double warning = uniform(random, 60, 200);
+  add("winding_warning_degC", warning), add("winding_limit_degC", warning + uniform(random, 1, 50));
+  const double most = std::pow(10, uniform(random, 0, 2));
+  if (coin(random)) add("current_max_A", most);
+  if (coin(random))
+    add("current_rated_A", most * uniform(random, 0.01, 0.5)), add("overload_s", uniform(random, 1, 60));
+}
+
 inline Configuration keys_of(const friction::LawInfo& law, Random& random) {
   Configuration keys{{"law", std::string(law.name)}};
   const auto add = [&](std::string_view key, double value) { keys.emplace_back(key, fmt::format("{}", value)); };
@@ -61,6 +79,7 @@ inline Configuration keys_of(const friction::LawInfo& law, Random& random) {
     keys.emplace_back("load_table_loads", "-0.7 -0.1 0.2 0.9");
     keys.emplace_back("load_table_values", "0.1 0 0.01 0.2 0.1 0.05 0 -0.01 0.03 0.02 0.01 0.3");
   }
+  if (coin(random)) add_winding(keys, random);
   return keys;
 }
 
@@ -114,7 +133,7 @@ inline constexpr const char* strict = "-std=c99 -Wall -Wextra -Wpedantic -Werror
 inline drive::Faults faults_of(Random& random) {
   drive::Faults faults{};
   for (const auto& fault : drive::faults())
-    if (fault.fault != drive::Fault::torque_constant && random() % 4 == 0)
+    if (random() % 4 == 0)
       fault.add(faults, uniform(random, 0, std::min(fault.maximum, fault.unit == "rad" ? 1e-2 : 1.0)));
   return faults;
 }
@@ -132,6 +151,15 @@ inline Drive tuned(Drive drive, Random& random) {
   std::vector<double> heat = thermal::values(drive.thermal);
   for (double& x : heat) x = other(x);
   drive.thermal = thermal::make_model(drive.thermal.order, drive.thermal.T_amb_degC, heat);
+  if (drive.winding.present()) {
+    thermal::Winding& w = drive.winding;
+    drive.offset_nm = other(drive.offset_nm);
+    for (double* x : {&w.resistance_ohm, &w.torque_constant_nm_A, &w.heat_capacity_J_K, &w.thermal_resistance_K_W,
+                      &w.copper_1_K, &w.magnet_1_K, &w.reference_degC, &w.overload_s})
+      *x = other(*x);
+    const double degC = other(1), amperes = other(1);  // they stay in their order
+    w.warning_degC *= degC, w.limit_degC *= degC, w.current_max_A *= amperes, w.current_rated_A *= amperes;
+  }
   return drive;
 }
 

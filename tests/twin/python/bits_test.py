@@ -85,7 +85,7 @@ class Drives(unittest.TestCase):
         for fault, severity in FAULTS.items():
             drive.add_fault(fault, severity)
             arguments.append(f"fault:{fault}={severity!r}")
-        expected = cpp("slide", 0.004, *arguments, values=np.column_stack([speed, load])).reshape(n, 2)
+        expected = cpp("slide", 0.004, *arguments, values=np.column_stack([speed, load])).reshape(n, 4)
         half = n // 2
         self.assertTrue(same(drive.slide(speed[:half], load[:half], 0.004), expected[:half, 0]))
         for k in range(half, n):  # one by one
@@ -107,6 +107,54 @@ class Drives(unittest.TestCase):
                         keys = None
                 with self.subTest(law=name, **more):
                     self.compare(keys)
+
+    def test_winding(self):
+        """Every step equals C++, and the temperatures those of the winding's equation solved here."""
+        n, dt = 4_000, 0.004
+        R, k, C, R_th, u, a, ref = 0.5, 0.8, 30.0, 0.4, 178, 0.0042, 20.0
+        keys = {
+            "law": "extended",
+            **tribotwin.Law("extended").parameters,
+            "torque_max_nm": 7500,
+            "gear_ratio": u,
+            "thermal": "first_order",
+            "R_th": 0.15,
+            "kappa": 600,
+            "winding_resistance_ohm": R,
+            "torque_constant_nm_A": k,
+            "winding_heat_capacity_J_K": C,
+            "winding_thermal_resistance_K_W": R_th,
+            "winding_copper_1_K": a,
+            "winding_reference_degC": ref,
+            "current_max_A": 45,
+        }
+        drive = tribotwin.Drive(keys)
+        speed = np.sin(np.arange(n) * dt)
+        load = 5500 * np.sin(np.arange(n) * dt / 3)
+        arguments = [
+            f"{key}={value!r}" if isinstance(value, float) else f"{key}={value}" for key, value in keys.items()
+        ]
+        expected = cpp("slide", dt, *arguments, values=np.column_stack([speed, load])).reshape(n, 4)
+        winding, gear, limited = drive.winding_temperature_degC, drive.temperature_degC, 0
+        self.assertEqual(winding, 25)
+        for i in range(n):
+            friction = drive.slide(speed[i], load[i], dt)
+            row = [friction, drive.temperature_degC, drive.winding_temperature_degC, drive.motor_current_A]
+            self.assertTrue(same(row, expected[i]), f"step {i}: {row} {expected[i]}")
+            # Warm magnets deliver less: the default is 0.1 % per K.
+            needed = (load[i] + friction) / (1 - 0.001 * (winding - ref)) / (u * k)
+            limit = 45 * np.clip((155 - winding) / (155 - 130), 0, 1)
+            current = np.clip(needed, -limit, limit)
+            limited += abs(current) == limit
+            end = gear + R_th * current**2 * R * (1 + a * (winding - ref))
+            winding += (end - winding) * -np.expm1(-dt / (R_th * C))
+            self.assertAlmostEqual(drive.motor_current_A, current, delta=1e-9 * abs(current))
+            self.assertAlmostEqual(drive.winding_temperature_degC, winding, delta=1e-8)
+            gear = drive.temperature_degC
+        self.assertGreater(np.count_nonzero(expected[:, 3]), 0.99 * n)
+        self.assertTrue(0 < limited < n / 2, limited)
+        stored = C * (drive.winding_temperature_degC - 25)
+        self.assertAlmostEqual(drive.copper_loss_J, drive.winding_heat_J + stored, delta=1e-8 * drive.copper_loss_J)
 
 
 class Twins(unittest.TestCase):

@@ -206,6 +206,82 @@ class Twins(unittest.TestCase):
         self.assertAlmostEqual(twin.temperature_degC[0], 70, places=3)
 
 
+MOTOR = {
+    "law": "stribeck",
+    "Fc": 0.03,
+    "Fs": 0.02,
+    "Fv": 4e-4,
+    "vs": 10,
+    "alpha": 1.3,
+    "torque_max_nm": 100,
+    "gear_ratio": 50,
+    "winding_resistance_ohm": 0.5,
+    "torque_constant_nm_A": 0.1,
+    "winding_heat_capacity_J_K": 5,
+    "winding_thermal_resistance_K_W": 0.4,
+    "current_max_A": 8,
+}
+ARM = """<mujoco><option timestep="0.001" tolerance="1e-10"/>
+<extension><plugin plugin="tribotwin.drive"><instance name="j">{}</instance><instance name="k">{}</instance>
+  </plugin></extension>
+<worldbody><body><joint name="hinge" axis="0 1 0" armature="2" frictionloss="1" solreffriction=".001 1"
+  solimpfriction=".9999 .9999 .001 .5 2"/><geom size=".1" pos=".5 0 0" mass="4"/>
+  <body><joint name="plain" axis="0 1 0" armature="2" frictionloss="1" solreffriction=".001 1"
+  solimpfriction=".9999 .9999 .001 .5 2"/><geom size=".1" mass="4"/></body></body></worldbody>
+<actuator><plugin name="one" joint="hinge" plugin="tribotwin.drive" instance="j" actdim="6" dyntype="user"/>
+  <plugin name="two" joint="plain" plugin="tribotwin.drive" instance="k" actdim="3" dyntype="user"/>
+</actuator></mujoco>"""
+
+
+class Windings(unittest.TestCase):
+    def test_a_drive_without_one(self):
+        drive = tribotwin.Drive({k: v for k, v in MOTOR.items() if "winding" not in k and "_A" not in k})
+        self.assertIsNone(drive.winding_temperature_degC)
+        self.assertEqual((drive.limited_torque(1e6), drive.motor_current_A), (1e6, 0))
+        with refused(self, ["has no winding", "winding_resistance_ohm"]):
+            drive.winding_temperature_degC = 40
+
+    def test_a_step_of_an_engine_of_ones_own(self):
+        drive = tribotwin.Drive(MOTOR)
+        with refused(self, "winding_temperature_degC is nan but must be within"):
+            drive.winding_temperature_degC = np.nan
+        drive.winding_temperature_degC = 142.5  # halfway between 130, where the limit begins to fall, and 155
+        drive.begin_step(0.0, 0.0)
+        self.assertAlmostEqual(drive.motor_current_limit_A, 4)
+        self.assertAlmostEqual(drive.limited_torque(100.0), 4 * 0.1 * 50)
+        self.assertAlmostEqual(drive.limited_torque(-3.0), -3)
+        self.assertAlmostEqual(drive.delivered_share, 1 - 0.001 * (142.5 - 25))
+        drive.end_step(1e-3, friction_nm=0, torque_nm=drive.limited_torque(100.0), speed_rad_s=0)
+        self.assertAlmostEqual(drive.motor_current_A, 4)
+        copper_W = 4**2 * 0.5 * (1 + 0.00393 * 117.5)
+        self.assertAlmostEqual(drive.copper_loss_J, copper_W * 1e-3)
+        change = (copper_W - 117.5 / 0.4) / 5 * 1e-3  # it cools to a gear of 25 degC
+        self.assertAlmostEqual(drive.winding_temperature_degC, 142.5 + change, delta=1e-3 * abs(change))
+
+    def test_a_twin(self):
+        keys = lambda all: "".join(f'<config key="{k}" value="{v}"/>' for k, v in all.items())
+        plain = {k: v for k, v in MOTOR.items() if "winding" not in k and "_A" not in k}
+        with tempfile.TemporaryDirectory() as folder:
+            pathlib.Path(folder, "arm.xml").write_text(ARM.format(keys(MOTOR), keys(plain)))
+            scenario = pathlib.Path(folder, "s.yaml")
+            scenario.write_text("model: arm.xml\nduration_s: 1\ntelemetry_rate_hz: 1000\nmotion: {type: hold}\n")
+            twin = tribotwin.Twin(scenario, record=True)
+            twin.run()
+        summary, record = twin.summary(), twin.telemetry["hinge"]
+        self.assertTrue(np.isnan([twin.winding_temperature_degC[1], twin.motor_current_A[1]]).all())
+        self.assertEqual(twin.winding_temperature_degC[0], summary["joints"][0]["winding"]["temperature_degC"]["end"])
+        self.assertEqual(twin.copper_loss_J[0], summary["joints"][0]["winding"]["copper_loss_J"])
+        self.assertEqual(twin.motor_current_A[0], record["motor_current_A"][-1])
+        self.assertEqual(twin.motor_current_limit_A[0], record["motor_current_limit_A"][-1])
+        # What holds the arm heats the winding, beside a gear that stays at 25 degC (prescribed).
+        winding = 25.0
+        for current in record["motor_current_A"]:
+            copper_W = current**2 * 0.5 * (1 + 0.00393 * (winding - 25))
+            winding += (copper_W - (winding - 25) / 0.4) / 5 * 1e-3
+        self.assertGreater(winding, 25.5)
+        self.assertAlmostEqual(twin.winding_temperature_degC[0], winding, delta=1e-3 * (winding - 25))
+
+
 class Fits(unittest.TestCase):
     def data(self, temperatures=(40.0, 55.0, 70.0)):
         random = np.random.default_rng(1)

@@ -1,11 +1,12 @@
 // What C++ computes, for comparison with the Python module, bit by bit. Arguments: what, then its own; doubles come
 // from stdin and go to stdout.
 //   law NAME=VALUE... (law=NAME first)   rows of speed, load, temperature; of each the scalar law, then all of the
-//   batch slide DT KEY=VALUE...                rows of speed, load; of each friction and temperature
-//   fault:NAME=SEVERITY among the keys   a fault of the drive
-//   twin SCENARIO N KEY=VALUE...         torques per joint; N steps, of each position, friction, temperature per joint
-//   time N REPEATS                       seconds of each evaluation of the batch at N random states, for the benchmark
-//   scenario SCENARIO KEY=VALUE...       the scenario to its end; the same of the last step
+//   batch
+//   slide DT KEY=VALUE...                rows of speed, load; of each friction, temperature, winding temperature,
+//   current fault:NAME=SEVERITY among the keys   a fault of the drive twin SCENARIO N KEY=VALUE...         torques per
+//   joint; N steps, of each position, friction, temperature per joint time N REPEATS                       seconds of
+//   each evaluation of the batch at N random states, for the benchmark scenario SCENARIO KEY=VALUE...       the
+//   scenario to its end; the same of the last step
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -82,6 +83,8 @@ int slide(double dt_s, const Settings& settings) {
   for (std::size_t i = 0; i + 1 < rows.size(); i += 2) {
     put(drive::slide(d, decay, rows[i], rows[i + 1], s));
     put(drive::temperature_degC(d, s.state));
+    put(drive::winding_degC(d, s.state));
+    put(s.workspace.current_A);
   }
   return 0;
 }
