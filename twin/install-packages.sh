@@ -24,6 +24,7 @@ if [ "${1:-}" = --tests ]; then
     python3-can python3-canmatrix tshark mandoc
     dpkg-dev lintian   # Debian packages
     clang                     # compiles the exported C
+    lld wasi-libc libc++-14-dev-wasm32   # compiles what pages compute in browsers
     python3-pip python3-setuptools python3-wheel   # a wheel of the Python module
     libopenmpi-dev openmpi-bin   # programs on several ranks
     slurmctld slurmd slurm-client   # a job of a cluster

@@ -131,6 +131,10 @@ svg.live .axis { stroke: SOFT; fill: none; }
 svg.live .cursor { stroke: INK; fill: none; pointer-events: none; }
 svg.live .chosen { fill: SOFT; fill-opacity: .2; }
 .series { fill: none; stroke-linejoin: bevel; }
+.alive .live.sliders { display: flex; flex-wrap: wrap; gap: 4px 24px; margin: 6px 0; }
+.sliders label { display: flex; flex: 1 1 240px; min-width: 0; align-items: center; gap: 8px; font-size: .92rem; }
+.sliders input { flex: 1; min-width: 0; accent-color: var(--s0); }
+.sliders output { min-width: 8ch; text-align: right; font-variant-numeric: tabular-nums; }
 .head strong { min-width: 0; overflow-wrap: anywhere; }
 .tools { white-space: nowrap; }
 .live button { font: inherit; font-size: .82rem; color: INK; background: none; border: 1px solid LINE;
@@ -167,7 +171,7 @@ th[aria-sort=descending]::after { content: " \25be"; }
 DRAWN
 }
 @media print {
-  .alive .live, .alive .live.head { display: none; }
+  .alive .live, .alive .live.head, .alive .live.sliders { display: none; }
   .alive .drawn { display: block; }
   @page { margin: 11mm; }
   body { background: PAPER; font-size: 10.5pt; }
@@ -207,12 +211,6 @@ DRAWN
   put("BAD", hex(theme::bad));
   put("FONT", std::string(theme::page_font));
   return css;
-}
-
-std::string base64(std::string_view bytes) {
-  const std::unique_ptr<char, decltype(&g_free)> text(
-      g_base64_encode(reinterpret_cast<const guchar*>(bytes.data()), bytes.size()), g_free);
-  return text.get();
 }
 
 /// As content security policies name a script.
@@ -275,6 +273,12 @@ bool numeric(std::string_view cell) {
 
 }  // namespace
 
+std::string base64(std::string_view bytes) {
+  const std::unique_ptr<char, decltype(&g_free)> text(
+      g_base64_encode(reinterpret_cast<const guchar*>(bytes.data()), bytes.size()), g_free);
+  return text.get();
+}
+
 pugi::xml_node Page::add(pugi::xml_node to, const char* tag, std::string_view text, const char* kind) {
   auto node = to.append_child(tag);
   if (kind) node.append_attribute("class") = kind;
@@ -297,6 +301,7 @@ Page::Page(std::string_view title) {
   const std::string policy = fmt::format(
       "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{}'", sha256_base64(script()));
   meta("http-equiv", "Content-Security-Policy", policy.c_str());
+  policy_ = head.last_child();
   meta("name", "viewport", "width=device-width, initial-scale=1");
   meta("name", "generator", "tribotwin-report");
   head.append_child("title").text() = printable(title).c_str();
@@ -366,6 +371,12 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
         if (many) cell.append_attribute("data-label") = printable(head[i]).c_str();
       }
   }
+}
+
+void Page::allow_kernel() {
+  auto content = policy_.attribute("content");
+  constexpr std::string_view allowed = " 'wasm-unsafe-eval'";
+  if (std::string policy = content.value(); !policy.ends_with(allowed)) content = policy.append(allowed).c_str();
 }
 
 std::string Page::html() const {

@@ -10,6 +10,9 @@
 /// Text is inserted as text and never becomes markup.
 namespace tribotwin::render {
 
+/// As attributes carry bytes.
+std::string base64(std::string_view bytes);
+
 class Page {
  public:
   explicit Page(std::string_view title);
@@ -35,11 +38,14 @@ class Page {
   static void add_table(pugi::xml_node to, const std::vector<std::string>& head,
                         const std::vector<std::vector<std::string>>& rows);
 
+  /// Lets the script compile the kernel that the page carries (what_if.hpp).
+  void allow_kernel();
+
   std::string html() const;
 
  private:
   pugi::xml_document document_;
-  pugi::xml_node main_;
+  pugi::xml_node main_, policy_;
   int figures_ = 0;
 };
 

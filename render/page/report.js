@@ -96,6 +96,7 @@ class Chart {
 
   key() {
     const box = node('div', { class: 'live key' });
+    this.keys = new Map();
     this.data.series.forEach((series, i) => {
       if (!series.label) return;
       const button = node('button', { type: 'button', 'aria-pressed': 'true' }, this.sample(series), series.label);
@@ -107,9 +108,17 @@ class Chart {
         button.setAttribute('aria-pressed', String(!this.hidden.has(i)));
         this.draw();
       };
+      this.keys.set(i, button);
       box.append(button);
     });
     return box;
+  }
+
+  /// Another curve in the place of a series.
+  change(i, y, label) {
+    Object.assign(this.data.series[i], { y, label });
+    this.keys.get(i).lastChild.data = label;
+    this.draw();
   }
 
   sample(series) {

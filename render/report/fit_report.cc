@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/render/page/what_if.hpp>
 #include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -92,9 +93,9 @@ class Writer {
     head();
     parameters();
     double share = 0;
-    for (const auto part : {&Writer::curves, &Writer::residuals, &Writer::correlations}) {
+    for (const auto part : {&Writer::curves, &Writer::what_if, &Writer::residuals, &Writer::correlations}) {
       if (auto ok = (this->*part)(); !ok) return tl::unexpected(ok.error());
-      if (options_.progress) options_.progress(share += 1.0 / 3);
+      if (options_.progress) options_.progress(share += 1.0 / 4);
     }
     origin();
     return page_.report(std::move(notes_));
@@ -329,6 +330,14 @@ class Writer {
             !ok)
           return ok;
     return {};
+  }
+
+  /// Where there are data, within them.
+  Outcome what_if() {
+    const double T = temperature_.low, l = load_.low;
+    return show_what_if(page_, fit_.drive, speed_max_,
+                        law_.temperature_dependent ? Choice{T, temperature_.high} : Choice{T, T},
+                        law_.load_dependent ? Choice{l, load_.high} : Choice{l, l});
   }
 
   Outcome residuals() {

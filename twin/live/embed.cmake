@@ -1,7 +1,7 @@
 # Writes the function NAME() of HEADER, page_files() of page.hpp say, which returns the files' contents:
 # cmake -DOUT=FILE.cc "-DFILES=A;B" -DHEADER=PATH -DSPACE=NAMESPACE -DNAME=FUNCTION -P embed.cmake
 set(types "html=text/html\; charset=utf-8" "js=text/javascript\; charset=utf-8" "css=text/css\; charset=utf-8"
-  "svg=image/svg+xml" "json=application/json" "txt=text/plain\; charset=utf-8" "png=image/png")
+  "svg=image/svg+xml" "json=application/json" "txt=text/plain\; charset=utf-8" "png=image/png" "wasm=application/wasm")
 set(arrays "")
 set(rows "")
 set(count 0)
@@ -23,6 +23,12 @@ foreach(file ${FILES})
   string(APPEND rows "    {\"${name}\", \"${type}\", {file_${count}, sizeof file_${count} - 1}},\n")
   math(EXPR count "${count} + 1")
 endforeach()
+set(files "const tribotwin::twin::live::PageFile files[] = {\n${rows}};\n")
+set(result files)
+if(count EQUAL 0)
+  set(files "")
+  set(result {})
+endif()
 file(WRITE ${OUT} "#include <${HEADER}>\n\nnamespace ${SPACE} {\nnamespace {\n${arrays}"
-  "const tribotwin::twin::live::PageFile files[] = {\n${rows}};\n}  // namespace\n\n"
-  "std::span<const tribotwin::twin::live::PageFile> ${NAME}() { return files; }\n\n}  // namespace ${SPACE}\n")
+  "${files}}  // namespace\n\n"
+  "std::span<const tribotwin::twin::live::PageFile> ${NAME}() { return ${result}; }\n\n}  // namespace ${SPACE}\n")

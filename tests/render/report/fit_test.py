@@ -88,11 +88,11 @@ identify("curves.csv", "params.yaml", "--law", "extended")
 r = run(report, "fit", "params.yaml", "--png", "--pdf")
 check(
     "page of a fit",
-    r.returncode == 0 and r.stderr == "" and r.stdout.splitlines() == ["fit_figures/ (22 figures)", "fit.html"],
+    r.returncode == 0 and r.stderr == "" and r.stdout.splitlines() == ["fit_figures/ (24 figures)", "fit.html"],
     (r.returncode, r.stdout, r.stderr),
 )
 page = content("fit.html")
-m = check_page("fit", path("fit.html"), 0, 11)
+m = check_page("fit", path("fit.html"), 0, 12)
 values, sigmas, intervals, correlation = (
     block("params.yaml", key) for key in ("parameters", "sigma", "confidence_95", "correlation")
 )
@@ -172,8 +172,8 @@ check(
 )
 figures = sorted(os.listdir(path("fit_figures")))
 check(
-    "11 figures as PNG and as PDF",
-    len(figures) == 22
+    "12 figures as PNG and as PDF",
+    len(figures) == 24
     and all(content("fit_figures/" + f, "rb")[:4] == (b"%PDF" if f.endswith("pdf") else b"\x89PNG") for f in figures),
     figures,
 )
@@ -230,7 +230,7 @@ check(
     and "are missing: curves.csv" in content("elsewhere/alone.html"),
     r.stderr,
 )
-m = check_page("without data", path("elsewhere/alone.html"), 0, 7)
+m = check_page("without data", path("elsewhere/alone.html"), 0, 8)
 check(
     "it has curves, correlation and ellipses, no residuals",
     bool(drawing(content("elsewhere/alone.html"), "Correlation"))
@@ -275,7 +275,13 @@ check(
     not drawing(content("one_load.html"), r"Friction at \S+ ± \S+ °C")
     and not any("Fcl" == t for t in drawing(content("one_load.html"), "Correlation")),
 )
-check_page("one load", path("one_load.html"), 0, 7)
+check_page("one load", path("one_load.html"), 0, 8)
+inputs = json.loads(html.unescape(re.search(r'data-inputs="([^"]*)"', content("one_load.html")).group(1)))
+check(
+    "what if: the load that was not varied cannot be chosen",
+    inputs[1]["name"] == "load" and inputs[1]["from"] == inputs[1]["to"] and inputs[0]["from"] < inputs[0]["to"],
+    inputs,
+)
 check(
     "where a parameter has no sigma there is no band",
     "Without bands" in text and "&quot;band&quot;" not in content("one_load.html"),
@@ -397,7 +403,7 @@ put(
 )
 r = run(report, "fit", name + ".yaml", "-o", name + ".html", "--png")
 check("a page with odd names", r.returncode == 0, r.stderr)
-m = check_page("odd names", path(name + ".html"), 0, 7)
+m = check_page("odd names", path(name + ".html"), 0, 8)
 if m:
     check(
         "names and notes are shown as they are",

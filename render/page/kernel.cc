@@ -1,0 +1,36 @@
+/// The module of what_if.js: clang compiles this file and plugins/friction/level.cc for the browser.
+#include <tribotwin/render/page/kernel.hpp>
+
+namespace {
+
+using namespace tribotwin;
+
+render::kernel::Numbers numbers;
+
+friction::LawInfo info{};
+
+friction::Law law() {
+  info.temperature_dependent = numbers.temperature_dependent != 0;
+  info.load_dependent = numbers.load_dependent != 0;
+  const auto validity = numbers.extrapolates != 0 ? friction::Validity::extrapolate : friction::Validity::clamp;
+  return {.info = &info, .range = numbers.range, .validity = validity, .general_law = numbers.law};
+}
+
+friction::Level level(double speed_rad_s, double load_norm, double temperature_degC) {
+  return friction::level(law(), friction::at_temperature(law(), temperature_degC), speed_rad_s, load_norm);
+}
+
+}  // namespace
+
+extern "C" {
+
+/// Where the page writes the law, and how many bytes it has.
+void* law_numbers() { return &numbers; }
+int law_size() { return sizeof numbers; }
+
+/// Friction [unit of the law] at a speed on the law's side [rad/s], a load [-] and a temperature [degC]; at speed 0 the
+/// breakaway level. Finite for every input.
+double friction_level(double speed_rad_s, double load_norm, double temperature_degC) {
+  return level(speed_rad_s, load_norm, temperature_degC).total();
+}
+}
