@@ -1,3 +1,6 @@
+#include <algorithm>
+#include <vector>
+
 #include <fmt/format.h>
 
 #include <tribotwin/hil/canopen/cob_id.hpp>
