@@ -316,8 +316,8 @@ Result<bool> SessionReader::next(Turn& turn) {
   const auto parts = words(line);
   const auto us = parts.empty() ? std::nullopt : to_integer<std::int64_t>(parts[0]);
   turn = {};
-  bool good = line.size() <= limits::session_line_bytes && us && *us >= 0 &&
-              *us <= (std::numeric_limits<std::int64_t>::max() - last_ns_) / 1000;
+  bool good = us && *us >= 0 && *us <= (std::numeric_limits<std::int64_t>::max() - last_ns_) / 1000;
+  good = good && line.size() <= limits::session_line_bytes;
   for (std::size_t i = 1; good && i < parts.size(); ++i) good = parse_word(parts[i], turn);
   if (!good)
     return tl::unexpected(

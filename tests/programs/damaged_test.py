@@ -1,0 +1,137 @@
+"""Programs on damaged inputs: cut off at several lengths, with bits that are others, and on what is no such file at
+all. Each run ends in time with exit code 0, 1 or 2; where it is not 0, with one message of ours that names the file,
+and no word of a library. Arguments: tribotwin, tribotwin-hil, source tree; by hand also how many flips (8)."""
+import concurrent.futures, os, random, re, shutil, sys
+
+from harness import check, content, finish, path, run
+
+tribotwin, hil, source = sys.argv[1:4]
+FLIPS = int(sys.argv[4]) if len(sys.argv) > 4 else 8
+# What libraries, the C++ runtime and the kernel say. Every line of ours begins with a file, an option or "note:".
+FOREIGN = re.compile(
+    r"HDF5-DIAG|H5[A-Z]\w*\(|terminate called|what\(\)|yaml-cpp|json\.exception|\[json|nlohmann|[cC]eres|glog|"
+    r"WARNING: Logging|Check failed|std::|bad_alloc|Sanitizer|Segmentation|Abort|core dumped|free\(\)|malloc|"
+    r"corruption|Traceback|bad conversion|mju_|mj_|\bmatio|InvalidNode|\.cc:\d|\.cpp:\d"
+)
+
+
+def write(name, data):
+    with open(path(name), "wb") as f:
+        f.write(data)
+
+
+def damages(data, seed):
+    """Pairs of what was done, and the bytes afterwards."""
+    dice = random.Random(seed)
+    for part in (0, 0.3, 0.7):
+        yield f"cut off at {part:g}", data[: int(part * len(data))]
+    yield "without the last byte", data[:-1]
+    for count in [1] * FLIPS + [30] * (FLIPS // 2):
+        flipped = bytearray(data)
+        places = [dice.randrange(8 * len(data)) for _ in range(count)]
+        for bit in places:
+            flipped[bit // 8] ^= 1 << bit % 8
+        yield f"bits {places[:3]}.. other", bytes(flipped)
+
+
+def problem_of(process, name):
+    """What is wrong with how a program ended; nothing where it did well."""
+    said = process.stderr
+    if process.returncode not in (0, 1, 2):
+        return f"exit code {process.returncode}"
+    if FOREIGN.search(said) or FOREIGN.search(process.stdout):
+        return f"a foreign word: {(FOREIGN.search(said) or FOREIGN.search(process.stdout))[0]}"
+    if re.search(r"[\x00-\x08\x0b-\x1f\x7f]", said):
+        return "control characters"
+    messages = [line for line in said.splitlines() if not line.startswith(("note:", "warning:"))]
+    if process.returncode and (len(messages) != 1 or os.path.basename(name) not in messages[0]):
+        return "not one message that names the file"
+    return ""
+
+
+def try_all(kind, name, data, command):
+    """The command, a function of the input's name and of a number for outputs, on each damage of the input."""
+    cases = list(enumerate(damages(data, kind)))
+
+    def one(case):
+        number, (what, bytes_) = case
+        folder = f"{kind}{number}"
+        os.makedirs(path(folder), exist_ok=True)
+        shutil.copy(f"{source}/mjcf/scene.xml", path(folder))  # which the model includes
+        write(f"{folder}/{name}", bytes_)
+        process = run(*command(f"{folder}/{name}", folder), timeout=60)
+        return what, process, problem_of(process, name)
+
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        done = list(pool.map(one, cases))
+    for what, process, problem in done:
+        if problem:
+            check(f"{kind}, {what}", False, (problem, process.returncode, process.stderr[-600:]))
+    refused = sum(process.returncode != 0 for _, process, _ in done)
+    check(f"{kind}: {len(done)} damages, {refused} refused", refused > 3)
+
+
+def bytes_of(name):
+    return content(name, "rb")
+
+
+# ---- Whole inputs.
+SHORT = ("--set", "duration_s=0.1", "--set", "telemetry_rate_hz=500", "--quiet")
+with open(f"{source}/twin/scenarios/irb6620_hold.yaml", "rb") as f:
+    scenario = f.read().replace(b"../../mjcf", b"mjcf")
+write("scenario.yaml", scenario)
+made = [
+    run(tribotwin, "run", "scenario.yaml", "-o", "whole", *SHORT),
+    run(tribotwin, "curve", f"{source}/mjcf/irb6620.xml", "--joint", "joint2", "--load", "0.3", "--csv", "curve.csv"),
+    run(tribotwin, "identify", "--law", "stribeck", "curve.csv", "-o", "params.yaml"),
+]
+check("the whole inputs are read", all(r.returncode == 0 for r in made), [(r.args[1], r.stderr) for r in made])
+# A master that starts six drives and sends SYNC, and what might be their answers.
+frames = ["000#0100"] + ["080#", *(f"18{node}#0000" for node in range(1, 7))] * 15
+log = "".join(f"({1 + n / 500:017.6f}) can0 {frame}\n" for n, frame in enumerate(frames))
+write("whole.log", log.encode())
+compared = run(hil, "replay", "scenario.yaml", "whole.log", "--fast")
+check("the whole log is compared", compared.returncode == 1 and "106 frames" in compared.stdout, compared.stderr)
+
+# ---- Damaged ones.
+try_all("scenario", "s.yaml", scenario, lambda f, to: (tribotwin, "run", f, "-o", to + "/out", *SHORT))
+try_all("csv", "c.csv", bytes_of("curve.csv"), lambda f, to: (tribotwin, "identify", "--law", "stribeck", f))
+try_all(
+    "params",
+    "p.yaml",
+    bytes_of("params.yaml"),
+    lambda f, to: (tribotwin, "export", f, "--mjcf", "--tau-max", "1", "--gear-ratio", "100"),
+)
+try_all(
+    "record",
+    "telemetry.h5",
+    bytes_of("whole/telemetry.h5"),
+    lambda f, to: (tribotwin, "export", os.path.dirname(f), "--csv"),
+)
+try_all("log", "l.log", log.encode(), lambda f, to: (hil, "replay", "scenario.yaml", f, "--fast", "-o", to + "/out"))
+with open(f"{source}/mjcf/irb6620.xml", "rb") as f:
+    model = f.read()
+try_all("model", "m.xml", model, lambda f, to: (tribotwin, "curve", f, "--joint", "joint2"))
+
+# ---- What is no such file at all.
+os.mkdir(path("folder"))
+write("long.csv", b"a," * (1 << 24) + b"\n1,2\n")
+write(
+    "bomb.yaml",
+    b"a: &a [0,0,0,0,0,0,0,0]\n"
+    + b"".join(b"%c: &%c [%s]\n" % (98 + i, 98 + i, b",".join([b"*%c" % (97 + i)] * 9)) for i in range(9)),
+)
+for name, command in (
+    ("/dev/zero", (tribotwin, "run", "/dev/zero", "-o", "out")),
+    ("folder", (tribotwin, "run", "folder", "-o", "out")),
+    ("bomb.yaml", (tribotwin, "run", "bomb.yaml", "-o", "out")),
+    ("/dev/zero", (tribotwin, "identify", "--law", "stribeck", "/dev/zero")),
+    ("long.csv", (tribotwin, "identify", "--law", "stribeck", "long.csv")),
+    ("/dev/zero", (tribotwin, "curve", "/dev/zero", "--joint", "joint2")),
+    ("/dev/zero", (hil, "replay", "scenario.yaml", "/dev/zero", "--fast")),
+):
+    process = run(*command, timeout=20)
+    problem = problem_of(process, name)
+    said = (problem, process.returncode, process.stderr[-300:])
+    check(" ".join(map(os.path.basename, command)), process.returncode == 2 and not problem, said)
+finish()
