@@ -137,6 +137,7 @@ def whole():
 
 # Commands and the faults that ctest gives them: those that once lost data, and some of every kind.
 SAMPLE = {
+    "export --mcap": [("read", 81), ("read", 82), ("read", 83)],
     "recover": [("sync", 1), ("sync", 2), ("sync", 3), ("memory", 1)],
     "diagnose learn": [("read", 2), ("read", 7), ("read", 8), ("short", 1)],
     "run": [("interrupted", 1), ("open", 1), ("memory", 1000)],

@@ -157,17 +157,25 @@ std::string read_text(hid_t object, const char* name) {
   return check(H5Aexists(object, name)) ? read_text(Id(H5Aopen(object, name, H5P_DEFAULT), H5Aclose)) : "";
 }
 
-std::pair<std::vector<std::pair<std::string, std::string>>, NumericAttributes> read_attributes(hid_t object) {
+bool keeps_order(hid_t group, herr_t (*of)(hid_t, unsigned*)) {
+  const Id opened(H5Gopen2(group, ".", H5P_DEFAULT), H5Gclose), properties(H5Gget_create_plist(opened), H5Pclose);
+  unsigned order = 0;
+  check(of(properties, &order));
+  return (order & H5P_CRT_ORDER_TRACKED) != 0;
+}
+
+std::pair<std::vector<std::pair<std::string, std::string>>, NumericAttributes> read_attributes(hid_t group) {
   std::pair<std::vector<std::pair<std::string, std::string>>, NumericAttributes> all;
   H5O_info_t info;
-  check(H5Oget_info2(object, &info, H5O_INFO_NUM_ATTRS));
+  check(H5Oget_info2(group, &info, H5O_INFO_NUM_ATTRS));
   // Above eight attributes HDF5 loses the order unless it is tracked, which create_record requests.
   const auto order = [&](H5_index_t index, hsize_t n) {
-    return H5Aopen_by_idx(object, ".", index, H5_ITER_INC, n, H5P_DEFAULT, H5P_DEFAULT);
+    return H5Aopen_by_idx(group, ".", index, H5_ITER_INC, n, H5P_DEFAULT, H5P_DEFAULT);
   };
+  const bool ordered = keeps_order(group, H5Pget_attr_creation_order);
   for (hsize_t n = 0; n < info.num_attrs; ++n) {
     hid_t id = order(H5_INDEX_CRT_ORDER, n);
-    if (id < 0) id = order(H5_INDEX_NAME, n);
+    if (id < 0 && !ordered) id = order(H5_INDEX_NAME, n);
     const Id attribute(id, H5Aclose);
     std::string name(check(H5Aget_name(attribute, 0, nullptr)), '\0');
     check(H5Aget_name(attribute, name.size() + 1, name.data()));

@@ -115,8 +115,12 @@ class Id {
   herr_t (*close_)(hid_t) = nullptr;
 };
 
-/// The string and the numeric attributes of an object.
-std::pair<std::vector<std::pair<std::string, std::string>>, NumericAttributes> read_attributes(hid_t object);
+/// Whether a group keeps the order in which its links or attributes were made; `of`: H5Pget_link_creation_order or
+/// H5Pget_attr_creation_order. Where it does, an order that cannot be read is damaged.
+bool keeps_order(hid_t group, herr_t (*of)(hid_t, unsigned*));
+
+/// The string and the numeric attributes of a group.
+std::pair<std::vector<std::pair<std::string, std::string>>, NumericAttributes> read_attributes(hid_t group);
 /// Empty where there is no such attribute.
 std::string read_text(hid_t object, const char* name);
 

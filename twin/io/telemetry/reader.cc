@@ -37,10 +37,12 @@ std::vector<std::string> link_names(hid_t group) {
   H5G_info_t info;
   check(H5Gget_info(group, &info));
   std::vector<std::string> names;
+  const bool ordered = keeps_order(group, H5Pget_link_creation_order);
   const auto get = [&](hsize_t n, char* text, std::size_t size) {
     const ssize_t length = H5Lget_name_by_idx(group, ".", H5_INDEX_CRT_ORDER, H5_ITER_INC, n, text, size, H5P_DEFAULT);
-    return check(length >= 0 ? length
-                             : H5Lget_name_by_idx(group, ".", H5_INDEX_NAME, H5_ITER_INC, n, text, size, H5P_DEFAULT));
+    return check(length >= 0 || ordered
+                     ? length
+                     : H5Lget_name_by_idx(group, ".", H5_INDEX_NAME, H5_ITER_INC, n, text, size, H5P_DEFAULT));
   };
   if (info.nlinks > limits::hdf5_links)
     throw Failure(fmt::format("has {} entries in a group; at most {} are read", info.nlinks, limits::hdf5_links));
