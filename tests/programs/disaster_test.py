@@ -1,11 +1,12 @@
-"""Full disks and kill -9, for every command that writes: what was there stays, what is new is absent or whole, and the
-exit code says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a disk that is really full
-(a small tmpfs), kill -9 at random instants. Options: programs.py."""
+"""Full and read-only disks and kill -9, for every command that writes: what was there stays, what is new is absent or
+whole, and the exit code says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a disk that
+is really full (a small tmpfs), kill -9 at random instants. Options: programs.py."""
 import os, random, subprocess
 
 from programs import *
 
 REASON = "No space left on device"
+READ_ONLY = "Read-only file system"
 kills = 8 if options.all else 1  # at random instants, per command and start
 variants = [
     (c, over)
@@ -57,12 +58,12 @@ def missing(outcome, truth):
     return [f"exit code 0, but {name} {why}" for name, why in found.items() if why]
 
 
-def names_the_file(stderr, call):
+def names_the_file(stderr, call, reason):
     """The message names what could not be written: the file itself, not its temporary name."""
     name = os.path.basename(call[1])
     plain = re.sub(r"\.(partial(-\w+)?|recovering)$", "", name).lstrip(".")
     if call[0] == "fsync" and os.path.splitext(plain)[1] == "":  # of a folder: the file in it, or the folder
-        return bool(re.search(r"[\w./-]+: ", stderr.split(REASON)[0].split("\n")[-1].split(": ", 1)[-1]))
+        return bool(re.search(r"[\w./-]+: ", stderr.split(reason)[0].split("\n")[-1].split(": ", 1)[-1]))
     return plain in stderr
 
 
@@ -88,11 +89,14 @@ class Tally:
 def full_disk(variant, truth, calls):
     """The N-th change fails, one way after the other; with --all in every way."""
     command, over_old = variant
-    ways = ["full", "short", "once"]
-    cases = [(n, how) for n in chosen(len(calls)) for how in (ways if options.all else [ways[n % 3]])]
+    ways = ["full", "short", "once", "read-only"]
+    cases = [(n, how) for n in chosen(len(calls)) for how in (ways if options.all else [ways[n % len(ways)]])]
+    read_only = [n for n, how in cases if how == "read-only"]
+    resumed = read_only[len(read_only) // 2 :][:1]
 
     def one(case):
         n, how = case
+        reason = READ_ONLY if how == "read-only" else REASON
         r = run_faulty(command, over_old, n, how)
         complaints, litter = judge(command, r, truth)
         reached = len(r.calls) >= n  # how often a run flushes depends on the clock
@@ -107,25 +111,28 @@ def full_disk(variant, truth, calls):
             return f"change {n} ({how})", complaints, litter
         if r.code != 1:
             complaints.insert(0, f"exit code {r.code}")
-        # SQLite tries again to open its files, without making them, and says why that failed; of a sync, and of a
-        # short write, which has no errno, it says less.
+        # SQLite tries again to open its files, without making them, and says why that failed; of a sync, of a short
+        # write, which has no errno, and of a write to a read-only disk it says less.
         unsaid = command.name.startswith("fleet") and (
             failed_at[0].startswith("open")
             or "disk I/O error" in r.stderr
-            and ("sync" in failed_at[0] or how == "short")
+            and ("sync" in failed_at[0] or how in ("short", "read-only"))
         )
-        if REASON not in r.stderr and not unsaid:
+        if reason not in r.stderr and not unsaid:
             complaints.append(f"the reason is not said: {r.stderr[-200:]!r}")
         # What is left of a short write may have its place on the disk already: then a later change is the first that
         # fails.
         elif not unsaid and not any(
-            names_the_file(r.stderr, call) for call in (r.calls[n - 1 :] if how == "short" and reached else [failed_at])
+            names_the_file(r.stderr, call, reason)
+            for call in (r.calls[n - 1 :] if how == "short" and reached else [failed_at])
         ):
             complaints.append(f"the file is not named: {r.stderr[-200:]!r}")
+        if n in resumed and command.resumable:
+            complaints += again(command, over_old, r, truth)
         forget(r)
         return (f"change {n} ({how}: {failed_at[0]} {os.path.relpath(failed_at[1], r.folder)})", complaints, litter)
 
-    tally = Tally(title(*variant) + ": the disk is full")
+    tally = Tally(title(*variant) + ": the disk is full or read-only")
     for where, complaints, litter in in_parallel(one, cases):
         tally.add(where, complaints, litter)
     tally.report(f"{tally.runs} runs, {len(chosen(len(calls)))} of {len(calls)} changes of the disk")
@@ -178,7 +185,7 @@ def really_full(variant, truth):
 
 
 def again(command, over_old, killed, truth):
-    """After a kill: a record is recovered, the command itself works again, and nothing stands in its way."""
+    """After a kill or a failure: a record is recovered, the command works again, and nothing stands in its way."""
     complaints = []
     folder = killed.folder
     if command.name.startswith("run") and not command.name.endswith("varied"):

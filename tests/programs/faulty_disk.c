@@ -1,4 +1,5 @@
-/* A disk that fills up, or a machine that dies, at the N-th change of anything below one folder. Preload it:
+/* A disk that fills up or becomes read-only, or a machine that dies, at the N-th change of anything below one folder.
+   Preload it:
 
      LD_PRELOAD=libfaulty_disk.so FAULTY_DISK_FOLDER=/tmp/x FAULTY_DISK_PROGRAMS=tribotwin,tribotwin-hil \
      FAULTY_DISK_AT=3 FAULTY_DISK_HOW=full FAULTY_DISK_LOG=/tmp/calls tribotwin run ...
@@ -8,6 +9,7 @@
    FAULTY_DISK_AT        which change fails, from 1; 0 or absent: none
    FAULTY_DISK_HOW       full   it and all that follow fail with ENOSPC
                          once   it alone fails
+                         read-only  it and all that follow fail with EROFS, also where there is space
                          short  a write writes half, returns that, and all that follows fails; other calls as `full`
                          kill   SIGKILL of the program and of this process of it in its place
                          torn   a write writes half, then SIGKILL; other calls as `kill`
@@ -55,7 +57,7 @@ static void* real(const char* name) {
 enum { descriptors = 4096 };
 static char folder[PATH_MAX];
 static size_t folder_length;
-static enum { full, once, half, killed, torn } how;
+static enum { full, once, half, killed, torn, read_only } how;
 static long at;
 static atomic_long* count; /* of all processes of the program */
 static pid_t program;
@@ -82,8 +84,8 @@ __attribute__((constructor)) static void start(void) {
   const char* number = getenv("FAULTY_DISK_AT");
   at = number ? atol(number) : 0;
   const char* given = getenv("FAULTY_DISK_HOW");
-  static const char* const names[] = {"full", "once", "short", "kill", "torn"};
-  for (int i = 0; given && i < 5; ++i)
+  static const char* const names[] = {"full", "once", "short", "kill", "torn", "read-only"};
+  for (int i = 0; given && i < 6; ++i)
     if (strcmp(given, names[i]) == 0) how = i;
   const char* file = getenv("FAULTY_DISK_LOG");
   if (!file) return;
@@ -121,6 +123,8 @@ static void resolve(int directory, const char* given, char* path) {
   snprintf(path, PATH_MAX, "%.*s/%.*s", PATH_MAX / 2, strcmp(parent, "/") ? parent : "", PATH_MAX / 2 - 2, name);
 }
 
+static int reason(void) { return how == read_only ? EROFS : ENOSPC; }
+
 static _Noreturn void die(void) {
   kill(program, SIGKILL);
   kill(getpid(), SIGKILL);
@@ -141,7 +145,7 @@ static enum verdict change(const char* call, const char* path, bool is_write) {
   if (n == at && is_write && (how == half || how == torn)) return write_half;
   if (n == at && (how == killed || how == torn)) die();
   if (n > at && how == once) return go_on;
-  errno = ENOSPC;
+  errno = reason();
   return fail;
 }
 
@@ -251,8 +255,8 @@ EXPORT int ftruncate64(int fd, off64_t size) {
 }
 FILE_CHANGE(fallocate, (int fd, int mode, off_t from, off_t size), fd, (fd, mode, from, size), -1)
 FILE_CHANGE(fallocate64, (int fd, int mode, off64_t from, off64_t size), fd, (fd, mode, from, size), -1)
-FILE_CHANGE(posix_fallocate, (int fd, off_t from, off_t size), fd, (fd, from, size), ENOSPC)
-FILE_CHANGE(posix_fallocate64, (int fd, off64_t from, off64_t size), fd, (fd, from, size), ENOSPC)
+FILE_CHANGE(posix_fallocate, (int fd, off_t from, off_t size), fd, (fd, from, size), reason())
+FILE_CHANGE(posix_fallocate64, (int fd, off64_t from, off64_t size), fd, (fd, from, size), reason())
 
 static void is_synchronised(int fd) {
   if (fd >= 0 && fd < descriptors) atomic_store(&unsynchronised[fd], false);
@@ -272,7 +276,7 @@ EXPORT int close(int fd) {
   const bool failed = late && change_of_file("close", fd, false) == fail;
   const int result = REAL(close)(fd);
   if (!failed) return result;
-  errno = ENOSPC;
+  errno = reason();
   return -1;
 }
 
@@ -354,6 +358,6 @@ EXPORT int fclose(FILE* file) {
   const bool failed = late && change_of_file("fclose", fd, false) == fail;
   const int result = REAL(fclose)(file);
   if (!failed) return result;
-  errno = ENOSPC;
+  errno = reason();
   return EOF;
 }

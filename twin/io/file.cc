@@ -32,9 +32,10 @@ tl::unexpected<Error> not_written(const fs::path& file, int error, ErrorKind kin
       Error(fmt::format("{}: cannot be written ({})", file.string(), std::strerror(error)), kind));
 }
 
-/// Of a file that could not be created: the user named it wrongly, or the machine cannot (full disk).
+/// Of a file that could not be created: the user named it wrongly, or the machine cannot (a disk that is full or has
+/// become read-only).
 ErrorKind kind_of(int error) {
-  constexpr int wrong_name[] = {ENAMETOOLONG, EACCES, EPERM, EROFS, ENOENT, ENOTDIR, ELOOP};
+  constexpr int wrong_name[] = {ENAMETOOLONG, EACCES, EPERM, ENOENT, ENOTDIR, ELOOP};
   return std::ranges::find(wrong_name, error) == std::end(wrong_name) ? ErrorKind::work : ErrorKind::input;
 }
 

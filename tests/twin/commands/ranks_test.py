@@ -96,6 +96,9 @@ for name, arguments in {
     check("%s: and warns once" % name, plain(r.stderr) == plain(alone.stderr), (r.stderr, alone.stderr))
 
 
+namespaces = set()  # of the jobs seen, as the names of Open MPI's files have them
+
+
 def processes_of(job):
     """Ranks of the job in their order; not the processes of their tasks, which are their children."""
     found, parents = {}, {}
@@ -108,6 +111,7 @@ def processes_of(job):
             continue
         if command[0] == program and variables.get("TRIBOTWIN_TEST_JOB") == job:
             found[name.split("/")[2]] = int(variables["OMPI_COMM_WORLD_RANK"])
+            namespaces.add(int(variables["PMIX_NAMESPACE"]))
             parents[name.split("/")[2]] = parent
     return {rank: int(pid) for pid, rank in found.items() if parents[pid] not in found}
 
@@ -374,5 +378,7 @@ survives(("lab", "many.yaml"), curves_of, tasks)
 temperatures = ", ".join(str(x) for x in range(20, 20 + RUNS))
 write("runs.yaml", content("vary.yaml").replace("20, 30, 40, 50, 60", temperatures).replace("_s: 5", "_s: 20"))
 survives(("run", "runs.yaml"), runs_of, RUNS)
+left = [name for name in os.listdir("/dev/shm") if any(f".{n:x}." in name for n in namespaces)]
+check("jobs leave nothing in /dev/shm, killed or not", namespaces and not left, (namespaces, left))
 
 finish()

@@ -29,8 +29,7 @@ std::string why(sqlite3* db) {
 /// Whether the name or its permissions are wrong, and not the machine.
 bool wrong_name(int code, int system) {
   return code == SQLITE_READONLY || code == SQLITE_PERM ||
-         (code == SQLITE_CANTOPEN &&
-          (system == EACCES || system == EROFS || system == EPERM || system == ENOENT || system == EISDIR));
+         (code == SQLITE_CANTOPEN && (system == EACCES || system == EPERM || system == ENOENT || system == EISDIR));
 }
 
 class SqliteStatement : public Statement {
