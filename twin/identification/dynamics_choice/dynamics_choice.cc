@@ -161,8 +161,6 @@ class Chooser {
     auto found = motion ? error_of(candidate.setting, *motion) : tl::unexpected(motion.error());
     if (!found)
       trial.failure = found.error().message;
-    else if (!found->rms.allFinite())
-      trial.failure = "no finite prediction";
     else
       trial.failure = driving(found->fit);
     Comparison c;
@@ -424,14 +422,16 @@ class Chooser {
   void judge_bodies() {
     const auto friction = friction_of(model_, regressor_, out_.setting, torque_max_nm_, target_.motion);
     if (!friction) return;
-    const Errors real =
-        errors_of(held_out_of_real_bodies(regressor_, base_, *friction, best_.fit, motion_, threads_), target_);
-    const Comparison c = compared(real, best_);
+    const auto real = errors_of(
+        regressor_, held_out_of_real_bodies(regressor_, base_, *friction, best_.fit, motion_, threads_), target_);
+    out_.real_bodies = real.has_value();
+    if (!real) return;
+    const Comparison c = compared(*real, best_);
     out_.real_bodies = !(c.change > std::max(as_good, real_sigmas * c.sigma));
     out_.trials.push_back({.what = "bodies that are real",
                            .change = c.change,
                            .sigma = c.sigma,
-                           .rms = real.rms,
+                           .rms = real->rms,
                            .taken = out_.real_bodies,
                            .failure = {},
                            .remark = {}});

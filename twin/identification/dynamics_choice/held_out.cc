@@ -2,6 +2,8 @@
 #include <cmath>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include <tribotwin/twin/identification/dynamics_choice/held_out.hpp>
 
 namespace tribotwin::twin::identification {
@@ -39,13 +41,15 @@ Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base,
   options.evidence = true;
   auto fit = fit_dynamics(regressor, base, friction, motion, options);
   if (!fit) return tl::unexpected(fit.error());
-  HeldOut out{errors_of(fit->held_out, target), {}};
+  auto errors = errors_of(regressor, fit->held_out, target);
+  if (!errors) return tl::unexpected(errors.error());
+  HeldOut out{*std::move(errors), {}};
   fit->held_out.resize(0, 0);
   out.fit = *std::move(fit);
   return out;
 }
 
-Errors errors_of(const MatrixXd& predicted, const Target& target) {
+Result<Errors> errors_of(const Regressor& regressor, const MatrixXd& predicted, const Target& target) {
   std::vector<Index> measured;
   for (Index j = 0; j < predicted.rows(); ++j)
     if (!target.motion.is_left_out(j)) measured.push_back(j);
@@ -62,7 +66,14 @@ Errors errors_of(const MatrixXd& predicted, const Target& target) {
       all += squares, samples += count;
       out.mean(k, s) = count > 0 ? squares / count : std::nan("");
     }
+    if (samples == 0)
+      return tl::unexpected(
+          Error(fmt::format("{} moves nowhere for long enough to compare its torque: it is slow or beside a rest in "
+                            "every sample; record longer motion of it",
+                            regressor.joint_name(j))));
     out.rms(k) = std::sqrt(all / samples);
+    if (!std::isfinite(out.rms(k)))
+      return tl::unexpected(Error(fmt::format("no finite prediction of {}", regressor.joint_name(j))));
   }
   return out;
 }

@@ -47,12 +47,13 @@ struct Target {
 };
 
 /// Fits `motion` (of the same times as the target's) without each of `folds` parts in turn and predicts that part.
-/// `start`, `known`: as in DynamicsOptions. ErrorKind::input where the fit fails.
+/// `start`, `known`: as in DynamicsOptions. ErrorKind::input where the fit fails, and as errors_of.
 Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base, const RobotFriction& friction,
                          const JointMotion& motion, const Setting& setting, const Target& target, unsigned folds,
                          const DynamicsFit* start, const std::vector<Fold>* known, unsigned threads);
-/// `predicted`: joints x samples of the target.
-Errors errors_of(const Eigen::MatrixXd& predicted, const Target& target);
+/// `predicted`: joints x samples of the target. ErrorKind::input, with the joint, where none of its samples counts or
+/// its error is not finite.
+Result<Errors> errors_of(const Regressor& regressor, const Eigen::MatrixXd& predicted, const Target& target);
 
 /// Geometric mean over joints of the ratio of errors, less 1; and its standard error from the variation between
 /// stretches of time. Below 0: `a` is better.

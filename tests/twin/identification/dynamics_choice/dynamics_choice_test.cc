@@ -235,6 +235,40 @@ TEST(HeldOut, IsPredictedByTheOtherFilesAlone) {
   EXPECT_LT(std::sqrt(squares / count), 0.03);  // Nm: steps end at a tenth of a sigma; of weights by all files 0.35
 }
 
+// A joint that moves for less than the filter takes beside rests: there is nothing to choose by, and that is said.
+TEST(Choice, NamesAJointThatMovesTooShortly) {
+  Arm arm;
+  auto training = arm.recordings({}, 30);
+  for (RobotRecording& r : training)
+    for (Index i = 0; i < r.position.cols(); ++i) {
+      const double share = (r.time_s[static_cast<std::size_t>(i)] - 4) / 0.15;
+      r.position(1, i) = share > 0 && share < 1 ? 0.02 * std::pow(std::sin(M_PI * share), 2) : 0;
+    }
+  const auto choice = choose_dynamics(arm.model(), arm.regressor(), arm.base(), training, {.cutoff_hz = 6},
+                                      std::vector{100.0, 50.0}, 2);
+  ASSERT_FALSE(choice);
+  EXPECT_EQ(choice.error().message, "joint elbow moves in 0 samples only; record more of its motion");
+}
+
+TEST(HeldOut, HasNoErrorWithoutSamplesOrFinitePredictions) {
+  Arm arm;
+  const auto motion = prepare(arm.recordings({}, 30), arm.regressor());
+  Target target{.motion = *motion, .stretches = {{0, motion->size()}}};
+  MatrixXd predicted = motion->torque;
+  EXPECT_EQ(errors_of(arm.regressor(), predicted, target)->rms, VectorXd::Zero(2));
+  for (Index i = 0; i < motion->size(); ++i)
+    if (motion->moving(0, i)) predicted(0, i) = std::nan("");
+  const auto errors = errors_of(arm.regressor(), predicted, target);
+  ASSERT_FALSE(errors);
+  EXPECT_EQ(errors.error().message, "no finite prediction of shoulder");
+  target.motion.moving.row(1).setConstant(false);
+  const auto fit =
+      held_out(arm.regressor(), arm.base(), *robot_friction(arm.model(), arm.regressor(), coulomb_viscous()), *motion,
+               {}, target, 3, nullptr, nullptr, 1);
+  ASSERT_FALSE(fit);
+  EXPECT_THAT(fit.error().message, testing::StartsWith("elbow moves nowhere for long enough"));
+}
+
 // Where the torque is not the whole one, no real body explains it, and predicts worse than parameters of none.
 TEST(Choice, TakesRealBodiesUnlessTheyPredictWorse) {
   Arm arm;
