@@ -229,6 +229,74 @@ n.take(
 )
 n.finish("warm-up")
 
+
+# ---- And so is every number of the comparison.
+def share_of(a, b, unit=""):
+    """As change(), for results: no ratio of temperatures, and no decimals from 1000 on."""
+    if abs(b - a) <= 1e-6 * max(abs(a), abs(b)):
+        return "none"
+    text = f"{b - a:+.3g}" if abs(b - a) < 1000 else f"{b - a:+.0f}"
+    return f"{text} K" if unit == "°C" else f"{text}{unit and ' ' + unit}, {100 * (b / a - 1):+.1f} %"
+
+
+def pair(value):
+    """Of the healthy and of the worn run."""
+    return [value(summaries[folder]) for folder in ("healthy", "worn")]
+
+
+whole = content("both.html")
+main = whole[whole.index("<main>") : whole.index("</main>")]
+compared, *sections = re.split(r"(?=<h2>(?:healthy|worn)</h2>)", main)
+check("the page has a section of each run", len(sections) == 2, len(sections))
+n = Numbers(compared + "</main>", check)
+n.take("what differs", f"events[1]\n–\n{changed}\n", f"what was changed: events[1] (– → {changed}).")
+n.take(
+    "identity of both",
+    "Cell 4, left",
+    "serial number 6620-104417",
+    summaries["healthy"]["finished_at"][:16].replace("T", " ") + " UTC",
+    f"simulated by MuJoCo {summaries['healthy']['engine']['version']}",
+    "irb6620_warmup: 2 runs compared",
+)
+n.match("version", r"tribotwin (\d+\.\d+\.\d+) ", lambda v: True)
+frictions = pair(lambda s: s["joints"][1]["friction_nm"]["rms"])
+degrees = pair(lambda s: s["joints"][1]["temperature_degC"]["max"])
+works = [pair(lambda s: s[key]) for key in ("friction_work_J", "motor_work_J")]
+said = "{:.4g} → {:.4g} Nm".format(*frictions)
+n.take(
+    "verdict and rule of both",
+    f"joint2 has more friction in worn than in healthy: {said} ({share_of(*frictions, 'Nm')}).",
+    "green up to 5 % of a joint's friction",
+    "Simulations have no noise: a difference above 1 %",
+)
+n.take(
+    "tiles of both",
+    f"{said}\n{share_of(*frictions, 'Nm')}\n",
+    f"{degrees[0]:.1f} → {degrees[1]:.1f} °C\n{degrees[1] - degrees[0]:+.1f} K\n",
+    *(f"{energy(a)} → {energy(b)}\n{share_of(a / 1e6, b / 1e6, 'MJ')}\n" for a, b in works),
+)
+
+
+def row(name, digits, values, unit=""):
+    head = f"{name} [{unit}]" if unit else name
+    n.take("row " + head, "\n".join([head, *(f"{v:{digits}}" for v in values), share_of(*values, unit)]) + "\n")
+
+
+row("simulated", ".1f", pair(lambda s: s["simulated_s"]), "s")
+for j in (1, 2):
+    row(f"joint{j + 1}: friction, RMS", ".4g", pair(lambda s: s["joints"][j]["friction_nm"]["rms"]), "Nm")
+    row(f"joint{j + 1}: maximum temperature", ".2f", pair(lambda s: s["joints"][j]["temperature_degC"]["max"]), "°C")
+row("friction work", ".5g", pair(lambda s: s["friction_work_J"] / 1e3), "kJ")
+row("motor work", ".5g", pair(lambda s: s["motor_work_J"] / 1e3), "kJ")
+row("maximum load", ".3f", pair(lambda s: max(j["load_norm"]["max"] for j in s["joints"])))
+n.finish("comparison")
+for folder, section in zip(("healthy", "worn"), sections):
+    n = Numbers(f"<main>{section}</main>", check)
+    n.take(f"scenario of {folder}", re.sub(r"(?m)^model: .*/mjcf/", "model: mjcf/", content(folder + "/scenario.yaml")))
+    take_run(n, folder)
+    n.take(f"what {folder} is", "IRB 6620 joint 2 working from a cold 25 degC room for two decay constants (6.08 h)")
+    n.finish("comparison: " + folder)
+
 # ---- Pictures show the moment that they say, of a run of which most cycles were not computed.
 captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
 check(
