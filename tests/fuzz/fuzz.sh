@@ -50,7 +50,8 @@ for reader in "${readers[@]}"; do
   "$program" "$reader" "${limits[@]}" -max_total_time="$seconds" -artifact_prefix="$found/$reader-" \
     "$fresh" "$corpus/$reader" "$(seeds_of "$reader")" > "$log" 2>&1 ||
     { outcome="see $found/$reader.log"; cp "$log" "$found/$reader.log"; failed=1; }
-  "$program" "$reader" "${limits[@]}" -merge=1 "$corpus/$reader" "$fresh" > "$work/merge.log" 2>&1 || true
+  "$program" "$reader" "${limits[@]}" -merge=1 -artifact_prefix="$work/" "$corpus/$reader" "$fresh" \
+    > "$work/merge.log" 2>&1 || true
   printf '%-14s %12s %10s %10s  %s\n' "$reader" "$(awk '/number_of_executed_units/ {print $2}' "$log")" \
     "$(grep -o 'ft: [0-9]*' "$log" | tail -1 | cut -c5-)" "$(find "$corpus/$reader" -type f | wc -l)" "$outcome"
   rmdir --ignore-fail-on-non-empty "$corpus/$reader"
