@@ -1,5 +1,5 @@
-"""A machine that fails in other ways than by a full disk (disaster_test.py): a file that cannot be read, no descriptor or
-memory left, a disk that fails a sync, calls that are interrupted or move half, a clock that jumps
+"""A machine that fails in other ways than by a full disk (disaster_test.py): a file that cannot be read, no descriptor
+or memory left, a disk that fails a sync, calls that are interrupted or move half, a clock that jumps
 (faulty_machine.c). Either the command says so, with its exit code and one line that names the file, or its results are
 those of an undisturbed machine. Afterwards it works as ever. Options: programs.py."""
 import random, re
