@@ -44,7 +44,7 @@ std::string list_of_rows(std::string_view table, int width_px) {
   table.X th, table.X td, table.X td.number { border-top: 0; max-width: none; padding: 2px 10px; text-align: left;
     white-space: normal; word-break: keep-all; }
   table.X td { display: flex; justify-content: space-between; gap: 1em; overflow-wrap: anywhere; }
-  table.X td::before { content: attr(data-label); color: SOFT; }
+  table.X td::before { content: attr(data-label); color: SOFT; max-width: 60%; overflow-wrap: break-word; }
 }
 )";
   const auto put = [&](std::string_view name, std::string_view value) {
@@ -352,7 +352,7 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
   if (many) table.append_attribute("class") = head.size() > columns_of_a_tablet ? "many wide" : "many";
   const auto kind = [&](std::size_t column) {
     const bool any = column > 0 && std::ranges::any_of(rows, [&](const auto& row) {
-                       return column < row.size() && numeric(row[column]);
+                       return column < row.size() && row[column] != "–" && numeric(row[column]);
                      });
     return any && !head.empty() ? "number" : nullptr;
   };

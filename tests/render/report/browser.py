@@ -60,6 +60,15 @@ MEASURE = """(() => {
         torn.push(word[0]);
     }
   }
+  // So do heads that stand before a value where rows are lists.
+  const ruler = document.createElement('canvas').getContext('2d');
+  for (const cell of document.querySelectorAll('td[data-label]')) {
+    const style = getComputedStyle(cell, '::before');
+    if (style.content === 'none' || !cell.clientWidth) continue;
+    ruler.font = style.font;
+    for (const word of cell.dataset.label.split(/[\\s-]+/))
+      if (word.length < 16 && ruler.measureText(word).width > parseFloat(style.width) + 1) torn.push('head ' + word);
+  }
   const ids = [...document.querySelectorAll('[id]')].map(e => e.id), images = [...document.images];
   const first = document.querySelector('main > h1 ~ #verdict');
   return {width: innerWidth, images: images.length,
