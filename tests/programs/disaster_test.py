@@ -87,9 +87,9 @@ class Tally:
 
 
 def full_disk(variant, truth, calls):
-    """The N-th change fails, one way after the other; with --all in every way."""
+    """The N-th change fails, one way after the other; with --all in every way. What can go on does so once."""
     command, over_old = variant
-    ways = ["full", "short", "once", "read-only"]
+    ways = ["full", "short", "once", *(["read-only"] if command.resumable and not command.recording else [])]
     cases = [(n, how) for n in chosen(len(calls)) for how in (ways if options.all else [ways[n % len(ways)]])]
     read_only = [n for n, how in cases if how == "read-only"]
     resumed = read_only[len(read_only) // 2 :][:1]
