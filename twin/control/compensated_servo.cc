@@ -42,6 +42,10 @@ class Compensated final : public Servo {
     }
     servo_.actuate(m, d, commands_);
   }
+  void state(StateNumbers& s) override {
+    servo_.state(s);
+    for (Joint& joint : joints_) joint.compensator.state(s), s(joint.speed_before_rad_s);
+  }
 
  private:
   struct Joint {

@@ -62,6 +62,14 @@ Compensator::Compensator(JointModel model, const CompensatorOptions& options)
   workspace_.temperature_held = 1;
 }
 
+void Compensator::state(StateNumbers& s) {
+  observer_.state(s);
+  inverse_.state(s);
+  s.doubles(state_);
+  s.doubles(workspace_);
+  s(friction_nm_), s(applied_rad_), s(angle_rad_), s(fresh_);
+}
+
 double Compensator::gear_torque_nm() const { return observer_.residual_nm() * model_.ratio; }
 
 double Compensator::static_friction_nm(double speed) const {

@@ -42,6 +42,7 @@ class HysteresisInverse {
   /// Torsion [rad] at which the transmission, coming from its last torsion, has this torque [Nm, arm side].
   double update(double torque_nm, double temperature_degC);
   double torsion_rad() const { return torsion_rad_; }
+  void state(StateNumbers& s) { s(torsion_rad_), s(hysteretic_rad_); }
 
  private:
   transmission::Hysteresis h_;
@@ -74,6 +75,7 @@ class Compensator {
   double friction_nm() const { return friction_nm_; }            ///< on the side of the drive's joint, signed
   double gear_torque_nm() const;                                 ///< arm side
   double torsion_rad() const { return inverse_.torsion_rad(); }  ///< as estimated, before the dead zone
+  void state(StateNumbers& s);
 
  private:
   double static_friction_nm(double speed_rad_s) const;

@@ -4,6 +4,8 @@
 #include <numbers>
 #include <utility>
 
+#include <tribotwin/twin/control/state_numbers.hpp>
+
 namespace tribotwin::twin {
 
 /// A motor encoder with whole counts, and the second-order tracking loop from which a drive gets the speed: critically
@@ -30,6 +32,7 @@ class Encoder {
   double angle_rad() const { return angle_; }
   double speed_rad_s() const { return speed_; }
   double resolution_rad() const { return resolution_rad_; }
+  void state(StateNumbers& s) { s(angle_), s(speed_), s(tracked_), s(fresh_); }
 
  private:
   double resolution_rad_ = 0, bandwidth_ = 0, angle_ = 0, speed_ = 0, tracked_ = 0;

@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include <tribotwin/twin/control/state_numbers.hpp>
+
 namespace tribotwin::twin {
 
 /// Generalised-momentum observer (RH380-N study, equations 7 to 10): estimates the unknown torque that slows a rotor,
@@ -20,6 +22,7 @@ class MomentumObserver {
   }
   /// Unknown torque against the motion [Nm].
   double residual_nm() const { return residual_nm_; }
+  void state(StateNumbers& s) { s(residual_nm_), s(momentum_), s(fresh_); }
 
  private:
   double gain_1_s_, residual_nm_ = 0, momentum_ = 0;

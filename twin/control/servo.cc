@@ -18,6 +18,7 @@ class Cascaded final : public Servo {
                       .torque_nm = set_points[i].torque_nm};
     servo_.control(m, d, commands_);
   }
+  void state(StateNumbers& s) override { servo_.state(s); }
 
  private:
   DriveServo servo_;
@@ -51,6 +52,7 @@ class DcPosition final : public Servo {
       d->ctrl[drive.control] = dc_torque_nm(o, duty_[i], d->qvel[drive.dof], o.resistance_ohm * warm) / drive.gear;
     }
   }
+  void state(StateNumbers& s) override { s(duty_.data(), duty_.size()); }
 
  private:
   const mujoco::Model& model_;
@@ -93,6 +95,17 @@ void DriveServo::set_gains(std::size_t drive, const LoopGains& gains) {
   LoopGains& own = loops_[drive].gains;
   own = gains;
   own.speed_bandwidth_rad_s = std::min(own.speed_bandwidth_rad_s, 1 / model_->opt.timestep);
+}
+
+void DriveServo::state(StateNumbers& s) {
+  for (Loop& loop : loops_) {
+    s(loop.integral_nm), s(loop.limited);
+    LoopGains& g = loop.gains;
+    for (double* x : {&g.position_gain_1_s, &g.speed_bandwidth_rad_s, &g.integral_time_s, &g.speed_gain_nm_s_rad,
+                      &g.torque_limit_nm, &g.torque_gain})
+      s(*x);
+    loop.encoder.state(s);
+  }
 }
 
 void DriveServo::measure(const mjModel* m, const mjData* d) {

@@ -19,6 +19,8 @@ class Servo {
   virtual ~Servo() = default;
   /// Called inside the step, with positions, velocities and gravity of its start. Set points per drive.
   virtual void control(const mjModel* m, mjData* d, std::span<const SetPoint> set_points) = 0;
+  /// What it carries from step to step; nothing for one without memory.
+  virtual void state(StateNumbers&) {}
 };
 
 /// Gains of a drive's loops, as in CascadedOptions.
@@ -70,6 +72,7 @@ class DriveServo {
   void actuate(const mjModel* m, mjData* d, std::span<const DriveCommand> commands);
   /// Whether a drive's torque was cut to a limit in the last step.
   bool limited(std::size_t drive) const { return loops_[drive].limited; }
+  void state(StateNumbers& s);
 
  private:
   struct Loop {

@@ -28,7 +28,7 @@ std::optional<JointSummary::Winding> winding_summary(const Twin& twin, std::size
   if (!twin.model().drives()[i].drive.winding.present()) return std::nullopt;
   return JointSummary::Winding{twin.scenario().temperature_degC[i], twin.winding_degC(i),
                                std::max(twin.figures(i).winding_max_degC, twin.winding_degC(i)),
-                               twin.drive(i).copper_loss_J};
+                               twin.drive(i).copper_loss_J, twin.drive(i).winding_heat_J};
 }
 
 }  // namespace
@@ -125,7 +125,8 @@ std::string summary_json(const Summary& s) {
     if (const auto& w = j.winding)
       json["joints"].back()["winding"] = {
           {"temperature_degC", {{"start", w->start_degC}, {"end", w->end_degC}, {"max", w->max_degC}}},
-          {"copper_loss_J", w->copper_loss_J}};
+          {"copper_loss_J", w->copper_loss_J},
+          {"to_gear_J", w->to_gear_J}};
   }
   json["health"] = health_json(s);
   json["warnings"] = all_warnings(s);

@@ -17,7 +17,8 @@ struct JointSummary {
     double start, end, max;
   } temperature_degC;
   struct Winding {
-    double start_degC, end_degC, max_degC, copper_loss_J;
+    double start_degC, end_degC, max_degC;
+    double copper_loss_J, to_gear_J;  ///< made in the winding; of it, what has flowed to the gear: a part of its heat
   };
   std::optional<Winding> winding;
   struct {

@@ -154,15 +154,18 @@ void Twin::apply(const Event& event) {
                         },
                         [&](const Wear& wear) { apply(wear); },
                         [&](const FaultChange& fault) {
-                          std::erase_if(faults_, [&](const ActiveFault& a) {
-                            return a.fault->drive == fault.drive && a.fault->type == fault.type;
-                          });
-                          faults_.push_back({&fault, event.time_s});
+                          begin_fault(fault, event.time_s);
                           set_faults();
                         },
                         [](const Marker&) {}},
              event.what);
   energy_jumps_J_ += mechanical_energy_J() - energy;
+}
+
+void Twin::begin_fault(const FaultChange& fault, double since_s) {
+  std::erase_if(faults_,
+                [&](const ActiveFault& a) { return a.fault->drive == fault.drive && a.fault->type == fault.type; });
+  faults_.push_back({&fault, since_s});
 }
 
 void Twin::set_faults() {

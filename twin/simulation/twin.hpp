@@ -51,6 +51,13 @@ class Twin {
   /// The result of the last step.
   const Result<Status>& status() const { return status_; }
 
+  /// Everything that the next steps depend on, and the sums since the start, as numbers for `restore`; as many for
+  /// every time of a scenario. Fails for a twin that has failed, and after `happen`.
+  Result<std::vector<double>> save();
+  /// Goes to a state that a twin of the same scenario, model and engine saved: its steps are then the same doubles. One
+  /// that cannot be of this scenario is refused and changes nothing. Events of `happen` are forgotten.
+  Result<void> restore(std::span<const double> numbers);
+
   const Scenario& scenario() const { return scenario_; }
   double time_s() const { return static_cast<double>(steps_) * timestep_s_; }
   std::int64_t steps() const { return steps_; }  ///< of simulated time, skipped ones included
@@ -121,6 +128,10 @@ class Twin {
   void apply(const Wear& wear);
   void apply_due_events();
   void set_faults();
+  void begin_fault(const FaultChange& fault, double since_s);
+  void state(StateNumbers& s);
+  /// What the scenario's events so far have left beside the numbers: the model and the faults.
+  void follow_events();
   double mechanical_energy_J() const;
   std::string state_text() const;
 

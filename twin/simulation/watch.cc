@@ -9,7 +9,6 @@
 namespace tribotwin::twin {
 namespace {
 
-constexpr std::size_t pairs_named = 16;
 /// Past the end of a range by less is rounding [rad; m].
 constexpr double rounding = 1e-9;
 

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include <tribotwin/twin/control/state_numbers.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
 
 /// What the health check (health.hpp) counts in every step.
@@ -49,8 +50,11 @@ class Watch {
   /// The first pairs that touched; `touched_steps` has those of all.
   std::span<const TouchedGeoms> touched() const { return touched_; }
   std::int64_t touched_steps() const { return touched_steps_; }
+  /// The counts.
+  void state(StateNumbers& s);
 
  private:
+  static constexpr std::size_t pairs_named = 16;
   struct Bounds {
     int control;
     double control_low, control_high, position_low, position_high;

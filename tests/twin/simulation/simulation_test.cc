@@ -306,6 +306,33 @@ TEST(Winding, IsInTelemetryAndSummaryAndItsEnergyBalances) {
   EXPECT_THAT(summary_json(*s), HasSubstr("copper_loss_J"));
 }
 
+/// The shipped servo against its equations, integrated here from the currents and the friction of the steps.
+TEST(Winding, TheShippedServoHeatsAsItsLossesTell) {
+  Twin twin(load_scenario(scenarios / "xl330_winding.yaml", {"duration_s=120"}).value());
+  const double dt = 1e-3, R = 3.433, C = 0.4, to_gear_K_W = 15, R_th = 24, kappa = 384;
+  double winding_K = 0, gear_K = 0, copper_J = 0, flowed_J = 0, friction_J = 0;  // over 25 degC
+  while (twin.step() == Status::running) {
+    const drive::Workspace& s = twin.drive(0);
+    const double copper_W = s.current_A * s.current_A * R * (1 + 0.00393 * winding_K);
+    const double flow_W = (winding_K - gear_K) / to_gear_K_W, friction_W = (s.friction_work_J - friction_J) / dt;
+    friction_J = s.friction_work_J;
+    winding_K += (copper_W - flow_W) / C * dt;
+    gear_K += (R_th * (flow_W + friction_W) - gear_K) / kappa * dt;
+    copper_J += copper_W * dt, flowed_J += flow_W * dt;
+  }
+  // Euler steps of 1 ms miss the exact ones of the plugin by dt over twice the shortest time constant.
+  const double share = dt / (C * to_gear_K_W);
+  EXPECT_NEAR(twin.winding_degC(0), 25 + winding_K, share * winding_K);
+  EXPECT_NEAR(twin.temperature_degC(0), 25 + gear_K, share * gear_K);
+  const Summary s = summarize(twin, 0);
+  ASSERT_TRUE(s.joints[0].winding);
+  EXPECT_NEAR(s.joints[0].winding->copper_loss_J, copper_J, share * copper_J);
+  EXPECT_NEAR(s.joints[0].winding->to_gear_J, flowed_J, 2 * share * flowed_J);
+  EXPECT_NEAR(s.heat_J, s.friction_work_J + s.joints[0].winding->to_gear_J, 1e-9 * s.heat_J);
+  EXPECT_GT(s.joints[0].winding->to_gear_J, s.friction_work_J);  // copper makes more heat than friction
+  EXPECT_LT(std::abs(s.energy_balance_J), 1e-3 * s.motor_work_J);
+}
+
 TEST(Winding, SkippedCyclesAreRefused) {
   const Folder folder;
   const auto scenario = load_scenario(motor_scenario(folder), {"multirate={tolerance_K: 2}"});
