@@ -94,12 +94,31 @@ std::string table_of(const Summary& s) {
   return table.text();
 }
 
+/// What windings have to do with the heat: their share of it, and a line for each.
+void print_windings(const Summary& s) {
+  for (const auto& j : s.joints)
+    if (const auto& w = j.winding)
+      print("winding of {}: {:.2f} degC at the start, {:.2f} at the end, {:.2f} at most; copper loss {:.6g} J\n",
+            j.name, w->start_degC, w->end_degC, w->max_degC, w->copper_loss_J);
+}
+
+std::string share_of_windings(const Summary& s) {
+  double to_gears_J = 0;
+  bool any = false;
+  for (const auto& j : s.joints)
+    if (const auto& w = j.winding) to_gears_J += w->to_gear_J, any = true;
+  if (!any) return "";
+  return fmt::format(" ({:.6g} J, {:.3g} %, from windings)", to_gears_J,
+                     s.heat_J != 0 ? 100 * to_gears_J / s.heat_J : 0);
+}
+
 void print_summary(const Summary& s, const fs::path& directory) {
   print("simulated {:.1f} s in {:.2f} s ({:.0f} x real time), {} of {} steps computed\n", s.simulated_s, s.wall_s,
         s.simulated_s / std::max(s.wall_s, 1e-9), s.steps_computed, s.steps);
-  print("friction work {:.6g} J, heat {:.6g} J, energy balance {:.2g} J\n", s.friction_work_J, s.heat_J,
-        s.energy_balance_J);
+  print("friction work {:.6g} J, heat {:.6g} J{}, energy balance {:.2g} J\n", s.friction_work_J, s.heat_J,
+        share_of_windings(s), s.energy_balance_J);
   print_text(table_of(s));
+  print_windings(s);
   if (s.comparison)
     print("MAE against the recording: {:.1f} mrad; the same twin with MuJoCo's frictionloss and damping: {:.1f} mrad\n",
           s.comparison->mae_mrad, s.comparison->baseline_mae_mrad);
