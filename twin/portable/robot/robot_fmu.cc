@@ -107,7 +107,7 @@ FmuAbout about(const Scenario& scenario, RobotCommands commands, const std::stri
                               "multiples of {} s",
                               scenario.name, name_of(commands), mj_versionString(), timestep_s),
           .sources = false,
-          .states = false,
+          .states = true,
           .stop_s = scenario.duration_s,
           .step_s = timestep_s * std::max(1.0, std::round(0.01 / timestep_s)),
           .fixed_step_s = timestep_s};

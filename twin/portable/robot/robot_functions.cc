@@ -38,8 +38,6 @@ static int fmu_is_boolean(const fmu_instance *f, fmu_reference reference)
 )";
 
 constexpr const char* robot = R"(
-#define NO_COPIES "this FMU cannot copy its state: a twin has no checkpoint"
-
 /* Values before the first step are those of the start, whatever the inputs. */
 static void fmu_evaluate(fmu_state *s)
 {
@@ -97,40 +95,132 @@ static int fmu_step(fmu_instance *f, double time_s, double dt_s, const char *fun
   return 1;
 }
 
-static int fmu_save(const fmu_instance *f, void **to, const char *function)
+/* A state outside the instance: numbers of the twin and what the functions know. Its bytes are `head` with a checksum
+ * and the numbers. */
+typedef struct {
+  double order; /* of the numbers' bytes */
+  fmu_state now;
+  size_t count;
+  uint64_t hash;
+} fmu_head;
+
+typedef struct {
+  fmu_head head;
+  double numbers[1]; /* head.count */
+} fmu_saved;
+
+static const double fmu_order = 1.2345678901234567;
+
+static size_t fmu_size(size_t count)
 {
-  (void)to;
-  return fmu_wrong(f, function, NO_COPIES);
+  return sizeof(fmu_head) + count * sizeof(double);
 }
 
-static int fmu_restore(const fmu_instance *f, const void *from, const char *function)
+/* FNV-1a over the head without its hash, and the numbers. */
+static uint64_t fmu_hash(const fmu_saved *saved)
 {
-  (void)from;
-  return fmu_wrong(f, function, NO_COPIES);
+  fmu_head head = saved->head;
+  const unsigned char *bytes = (const unsigned char *)&head;
+  uint64_t hash = 14695981039346656037u;
+  size_t i;
+  head.hash = 0;
+  for (i = 0; i < sizeof head; ++i) hash = (hash ^ bytes[i]) * 1099511628211u;
+  bytes = (const unsigned char *)saved->numbers;
+  for (i = 0; i < saved->head.count * sizeof(double); ++i) hash = (hash ^ bytes[i]) * 1099511628211u;
+  return hash;
+}
+
+/* Room for a state in *to, which may be one of before. */
+static fmu_saved *fmu_room(void **to, size_t count)
+{
+  fmu_saved *saved = (fmu_saved *)*to;
+  if (saved && saved->head.count == count) return saved;
+  saved = (fmu_saved *)calloc(1, fmu_size(count));
+  if (!saved) return NULL;
+  free(*to);
+  *to = saved;
+  return saved;
+}
+
+static int fmu_save(const fmu_instance *f, void **to, const char *function)
+{
+  char text[2000] = "";
+  const size_t count = tribotwin_robot_save(f->robot, NULL, text, sizeof text);
+  fmu_saved *saved;
+  if (!to) return fmu_wrong(f, function, "the state is NULL");
+  if (count == 0) return fmu_reported(f, function, text);
+  saved = fmu_room(to, count);
+  if (!saved) return fmu_wrong(f, function, "no memory");
+  memset(&saved->head, 0, sizeof saved->head);
+  saved->head.order = fmu_order;
+  saved->head.now = f->now;
+  saved->head.count = count;
+  tribotwin_robot_save(f->robot, saved->numbers, text, sizeof text);
+  saved->head.hash = fmu_hash(saved);
+  return 1;
+}
+
+static int fmu_restore(fmu_instance *f, const void *from, const char *function)
+{
+  const fmu_saved *saved = (const fmu_saved *)from;
+  char text[2000] = "";
+  if (!saved) return fmu_wrong(f, function, "the state is NULL");
+  if (!tribotwin_robot_restore(f->robot, saved->numbers, saved->head.count, text, sizeof text))
+    return fmu_reported(f, function, text);
+  f->now = saved->head.now;
+  return 1;
 }
 
 static int fmu_release(const fmu_instance *f, void **state, const char *function)
 {
-  (void)state;
-  return fmu_wrong(f, function, NO_COPIES);
+  if (!state) return fmu_wrong(f, function, "the state is NULL");
+  free(*state);
+  *state = NULL;
+  return 1;
 }
 
 static int fmu_serialized_size(const fmu_instance *f, const void *state, size_t *size, const char *function)
 {
-  (void)state, (void)size;
-  return fmu_wrong(f, function, NO_COPIES);
+  if (!state || !size) return fmu_wrong(f, function, "the state or the size is NULL");
+  *size = fmu_size(((const fmu_saved *)state)->head.count);
+  return 1;
 }
 
 static int fmu_serialize(const fmu_instance *f, const void *state, void *bytes, size_t size, const char *function)
 {
-  (void)state, (void)bytes, (void)size;
-  return fmu_wrong(f, function, NO_COPIES);
+  size_t needed;
+  if (!state || !bytes) return fmu_wrong(f, function, "the state or the bytes are NULL");
+  needed = fmu_size(((const fmu_saved *)state)->head.count);
+  if (size < needed) return fmu_wrong(f, function, "the bytes are too few");
+  memcpy(bytes, state, needed);
+  return 1;
+}
+
+/* Whether bytes are a whole state of this robot. */
+static int fmu_is_whole(const fmu_saved *saved, size_t size, size_t count)
+{
+  return saved->head.count == count && size == fmu_size(count) && saved->head.order == fmu_order &&
+         saved->head.hash == fmu_hash(saved);
 }
 
 static int fmu_deserialize(const fmu_instance *f, const void *bytes, size_t size, void **state, const char *function)
 {
-  (void)bytes, (void)size, (void)state;
-  return fmu_wrong(f, function, NO_COPIES);
+  char text[2000] = "";
+  const size_t count = tribotwin_robot_save(f->robot, NULL, text, sizeof text);
+  void *read = NULL;
+  fmu_saved *saved;
+  if (!bytes || !state) return fmu_wrong(f, function, "the state or the bytes are NULL");
+  if (count == 0) return fmu_reported(f, function, text);
+  saved = fmu_room(&read, count);
+  if (!saved) return fmu_wrong(f, function, "no memory");
+  memcpy(saved, bytes, size < fmu_size(count) ? size : fmu_size(count));
+  if (!fmu_is_whole(saved, size, count)) {
+    free(saved);
+    return fmu_wrong(f, function, "the bytes are not a whole state of this FMU and machine");
+  }
+  free(*state);
+  *state = saved;
+  return 1;
 }
 )";
 

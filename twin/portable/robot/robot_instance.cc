@@ -1,9 +1,13 @@
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <memory>
+#include <span>
 #include <string>
+#include <string_view>
 
 #include <fmt/format.h>
 
@@ -22,6 +26,7 @@ struct tribotwin_robot {
   std::vector<double> values;                       ///< of those
   std::unique_ptr<tw::Twin> twin;
   bool outside = false;
+  double mark = 0;  ///< of this FMU, by its token: a part of saved states
 
   std::size_t drives() const { return twin->model().drives().size(); }
   /// Reads the outputs. Without a step there is no friction yet: it is 0.
@@ -66,6 +71,13 @@ fs::path folder_of(std::string given) {
   return given;
 }
 
+/// FNV-1a of the token, exact as a double.
+double mark_of(std::string_view token) {
+  std::uint64_t hash = 14695981039346656037u;
+  for (const char c : token) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211u;
+  return static_cast<double>(hash >> 12);
+}
+
 std::unique_ptr<tribotwin_robot> open_robot(const char* token, const char* resources) {
   if (!resources || !*resources)
     throw tw::InputError("the importer names no folder of resources, which hold the robot");
@@ -79,6 +91,7 @@ std::unique_ptr<tribotwin_robot> open_robot(const char* token, const char* resou
     throw tw::InputError(
         fmt::format("it was made for MuJoCo {} but MuJoCo {} is installed here", engine, mj_versionString()));
   auto robot = std::make_unique<tribotwin_robot>();
+  robot->mark = mark_of(token);
   robot->commands = tw::robot_commands(about["commands"].as<std::string>()).value();
   robot->scenario = tw::or_throw(tw::load_scenario(folder / "scenario.yaml"));
   robot->variables = tw::robot_variables(*robot->scenario, robot->commands);
@@ -142,6 +155,28 @@ int tribotwin_robot_step(tribotwin_robot* robot, double dt_s, char* text, size_t
     take_commands(*robot);
     for (std::int64_t k = 0; k < n; ++k) tw::or_throw(robot->twin->step());
     return robot->read(), 1;
+  });
+}
+
+size_t tribotwin_robot_save(tribotwin_robot* robot, double* numbers, char* text, size_t size) {
+  return guarded(text, size, [&]() -> size_t {
+    std::vector<double> all = tw::or_throw(robot->twin->save());
+    all.insert(all.end(), robot->values.begin(), robot->values.end());
+    all.insert(all.end(), {robot->outside ? 1.0 : 0.0, robot->mark});
+    if (numbers) std::ranges::copy(all, numbers);
+    return all.size();
+  });
+}
+
+int tribotwin_robot_restore(tribotwin_robot* robot, const double* numbers, size_t count, char* text, size_t size) {
+  return guarded(text, size, [&] {
+    const std::span all(numbers, count);
+    if (count == 0 || all.back() != robot->mark) throw tw::InputError("the state is one of another FMU");
+    const size_t values = robot->values.size() + 2, of_twin = count - std::min(count, values);
+    tw::or_throw(robot->twin->restore(all.first(of_twin)));
+    std::ranges::copy(all.subspan(of_twin, robot->values.size()), robot->values.begin());
+    robot->outside = all[count - 2] != 0;
+    return 1;
   });
 }
 

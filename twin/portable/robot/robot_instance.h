@@ -31,6 +31,13 @@ double *tribotwin_robot_place(struct tribotwin_robot *robot, unsigned reference)
 unsigned tribotwin_robot_boolean(const struct tribotwin_robot *robot);
 int tribotwin_robot_outside(const struct tribotwin_robot *robot);
 
+/* Its state as numbers, values of variables included; as many at every time. `numbers` may be NULL. Returns how many,
+ * 0 where it cannot be saved. */
+size_t tribotwin_robot_save(struct tribotwin_robot *robot, double *numbers, char *text, size_t size);
+/* Changes nothing where it fails. */
+int tribotwin_robot_restore(struct tribotwin_robot *robot, const double *numbers, size_t count, char *text,
+                            size_t size);
+
 #ifdef __cplusplus
 }
 #endif
