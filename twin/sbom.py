@@ -5,6 +5,7 @@
 Libraries come from the dynamic linker, headers and what else is compiled in from ninja's own list of inputs. Needs the
 folder of a finished build with Ninja, and dpkg."""
 import json, os, re, subprocess, sys
+from urllib.parse import quote
 
 PROGRAMS = ("tribotwin", "tribotwin-hil", "tribotwin-report")
 
@@ -38,7 +39,9 @@ def packages_of(files):
     found = set()
     for at in range(0, len(names), 500):
         answer = subprocess.run(["dpkg-query", "-S", *names[at : at + 500]], capture_output=True, text=True).stdout
-        found.update(line.split(": /")[0] for line in answer.splitlines() if ": /" in line)
+        for line in answer.splitlines():
+            if ": /" in line and not line.startswith("diversion by "):
+                found.update(line.split(": /")[0].split(", "))
     return found
 
 
@@ -49,7 +52,7 @@ def component(package, linked):
         "type": "library",
         "name": name,
         "version": version,
-        "purl": f"pkg:deb/debian/{name}@{version}?arch={architecture}",
+        "purl": f"pkg:deb/debian/{quote(name, safe='')}@{quote(version, safe='')}?arch={architecture}",
         "properties": [
             {"name": "debian:source", "value": source},
             {"name": "tribotwin:use", "value": "loaded at run time" if linked else "compiled in, or read to build"},

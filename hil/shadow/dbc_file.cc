@@ -176,11 +176,11 @@ Result<DbcFile> read_dbc(const std::filesystem::path& file) {
   if (!stream) return tl::unexpected(stream.error());
   Reader reader;
   std::string text;
-  for (std::size_t line = 1; read_line(*stream, text, limits::dbc_file_line_bytes); ++line) {
+  for (std::size_t line = 1; read_line(*stream, text, limits::dbc_file_line_bytes + 1); ++line) {
+    if (text.ends_with('\r')) text.pop_back();
     if (text.size() > limits::dbc_file_line_bytes)
       return tl::unexpected(fmt::format("{}:{}: is longer than {} bytes, the most that a line of a DBC file has",
                                         file.string(), line, limits::dbc_file_line_bytes));
-    if (text.ends_with('\r')) text.pop_back();
     text.resize(std::min(text.size(), limits::dbc_line_bytes));  // regular expressions recurse
     if (auto ok = reader.take(text, line); !ok)
       return tl::unexpected(fmt::format("{}:{}: {}", file.string(), line, ok.error().message));

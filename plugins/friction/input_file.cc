@@ -55,7 +55,7 @@ Result<std::string> read_at_most(std::istream& stream, std::string_view file, st
   while (stream) {
     const std::size_t before = bytes.size();
     if (before > most_bytes) return tl::unexpected(fmt::format("{}: {}", file, too_long(most_bytes)));
-    bytes.resize(before + std::min<std::uintmax_t>(std::max(step, before), most_bytes - before + 1));
+    bytes.resize(before + 1 + std::min<std::uintmax_t>(std::max(step, before) - 1, most_bytes - before));
     stream.read(bytes.data() + before, static_cast<std::streamsize>(bytes.size() - before));
     bytes.resize(before + static_cast<std::size_t>(stream.gcount()));
   }
@@ -82,7 +82,7 @@ bool read_line(std::istream& stream, std::string& line, std::size_t most_bytes) 
     stream.clear(stream.rdstate() & ~std::ios::failbit);
     if (line.size() > most_bytes) return true;
   }
-  return !line.empty();
+  return !line.empty() && !stream.bad();
 }
 
 }  // namespace tribotwin

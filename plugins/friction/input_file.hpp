@@ -32,7 +32,7 @@ Result<std::string> read_input_file(const std::filesystem::path& file, std::stri
                                     std::uintmax_t most_bytes);
 
 /// The next line, without its line feed, as std::getline; of a line longer than `most_bytes` a part that is longer too,
-/// by which the caller knows. false at the end.
+/// by which the caller knows. false at the end, and where the machine cannot read on (stream.bad()).
 bool read_line(std::istream& stream, std::string& line, std::size_t most_bytes);
 
 }  // namespace tribotwin

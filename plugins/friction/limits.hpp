@@ -15,7 +15,7 @@ constexpr std::uintmax_t text_bytes = 64 * MiB;   ///< JSON, EDS and DCF, stores
 constexpr std::uintmax_t yaml_bytes = 16 * MiB;   ///< scenarios, campaigns, parameters
 constexpr std::uintmax_t model_bytes = 32 * MiB;  ///< MJCF and URDF, each file of a model
 constexpr std::uintmax_t asset_bytes = 1 * GiB;   ///< a mesh, texture or height field of a model
-constexpr std::uintmax_t file_bytes = 1 * GiB;    ///< what is copied or compared as it is
+constexpr std::uintmax_t file_bytes = 64 * GiB;   ///< what is copied or compared as it is, journals
 
 // YAML and JSON
 constexpr std::size_t yaml_values = 1'000'000;   ///< with each alias counted as what it stands for
@@ -29,7 +29,7 @@ constexpr std::ptrdiff_t model_tags = 1'000'000;  ///< of one file: '<'
 constexpr double model_user_data = 1e6;           ///< nuserdata
 constexpr double model_user_numbers = 1e4;        ///< nuser_body and its like, of one object; nkey
 constexpr double model_stack = 1e8;               ///< nstack [numbers]
-constexpr double model_constraints = 1e4;         ///< njmax, nconmax; the stack grows with their square
+constexpr double model_constraints = 2e4;         ///< njmax, nconmax; the stack grows with their square
 constexpr double model_copies = 1e4;              ///< parts of a composite
 constexpr double model_pixels = 4096;             ///< each side of a texture or height field that the model describes
 

@@ -83,7 +83,7 @@ constexpr struct {
                        {"size", "nuser_actuator", "", -1, limits::model_user_numbers},
                        {"size", "nuser_sensor", "", -1, limits::model_user_numbers},
                        {"texture", "width", " pixels", 0, limits::model_pixels},
-                       {"texture", "height", " pixels", 0, limits::model_pixels},
+                       {"texture", "height", " pixels", 0, 6 * limits::model_pixels},  // six sides of a cube
                        {"hfield", "nrow", "", 0, limits::model_pixels},
                        {"hfield", "ncol", "", 0, limits::model_pixels},
                        {"composite", "count", " (their product)", 0, limits::model_copies, 3}};

@@ -17,8 +17,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string text_of(const fs::path& file) { return read_text(file, "a file").value_or(""); }
-
 std::string sum_of(std::string_view text) { return fmt::format("{:08x}", crc32(text)); }
 
 tl::unexpected<Error> not_written(const fs::path& file, int error) {
@@ -31,7 +29,11 @@ Result<PartStore> PartStore::open(const fs::path& directory, const std::string& 
   PartStore store;
   store.folder_ = directory / folder;
   store.file_ = directory / "checksums";
-  store.lines_ = text_of(store.file_);
+  if (std::error_code error; fs::exists(store.file_, error)) {
+    auto lines = read_bytes(store.file_);
+    if (!lines) return tl::unexpected(lines.error());
+    store.lines_ = *std::move(lines);
+  }
   // A kill may have cut the last line; what is appended begins a new one.
   const std::string whole = store.lines_.substr(0, store.lines_.rfind('\n') + 1);
   std::istringstream lines(whole);

@@ -188,8 +188,8 @@ Status write_derived(const fs::path& file, std::string_view bytes, Existing exis
   const bool is_there = fs::exists(file, error);
   if (is_there) {
     const auto old = read_bytes(file);
-    if (!old) return tl::unexpected(old.error());
-    if (*old == bytes) return {};
+    if (!old && existing == Existing::refuse) return tl::unexpected(old.error());
+    if (old && *old == bytes) return {};
   }
   if (is_there && existing == Existing::refuse)
     return tl::unexpected(

@@ -79,6 +79,30 @@ TEST(ReadLine, SplitsAsGetline) {
   }
 }
 
+/// A disk that fails behind `text`.
+class FailingDisk final : public std::streambuf {
+ public:
+  explicit FailingDisk(std::string text) : text_(std::move(text)) {
+    setg(text_.data(), text_.data(), text_.data() + text_.size());
+  }
+
+ protected:
+  int_type underflow() override { throw std::ios_base::failure("no more"); }
+
+ private:
+  std::string text_;
+};
+
+TEST(ReadLine, APartOfALineThatCannotBeReadOnIsNoLine) {
+  FailingDisk disk("whole\nonly the begi");
+  std::istream stream(&disk);
+  std::string line;
+  EXPECT_TRUE(read_line(stream, line, 100));
+  EXPECT_EQ(line, "whole");
+  EXPECT_FALSE(read_line(stream, line, 100));
+  EXPECT_TRUE(stream.bad());
+}
+
 TEST(ReadLine, LongLinesAreCutAndKnown) {
   for (const std::size_t size : {4094, 4095, 4096, 8190, 8191, 20000}) {
     const std::string text(size, 'x');

@@ -97,8 +97,8 @@ TEST(Loader, RefusesWhatTakesAnyMemoryOrTime) {
   EXPECT_EQ(refusal(""), "loaded");
   EXPECT_EQ(refusal(R"(<size njmax="5000" nstack="-1" nkey="3"/>)"), "loaded");
   for (const auto& [element, says] :
-       {std::pair{R"(size njmax="1e9")", "model:1: <size>: njmax is '1e9' but must be within -1 .. 10000"},
-        {R"(size nconmax="10001")", "nconmax"},
+       {std::pair{R"(size njmax="1e9")", "model:1: <size>: njmax is '1e9' but must be within -1 .. 20000"},
+        {R"(size nconmax="20001")", "nconmax"},
         {R"(size nstack="100000000000")", "nstack"},
         {R"(size nuserdata="1e300")", "nuserdata"},
         {R"(size nuser_geom="1e9")", "nuser_geom"},

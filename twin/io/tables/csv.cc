@@ -185,8 +185,8 @@ std::size_t CsvLines::count_cells(std::string_view line, char separator) {
 bool CsvLines::read_bytes(std::string& line) {
   if (from_ >= block_.size()) {
     from_ = 0, block_.clear();
-    if (!read_line(stream_, line, limits::csv_line_bytes)) return false;
-    if (line.size() > limits::csv_line_bytes) return true;  // read() refuses it
+    if (!read_line(stream_, line, limits::csv_line_bytes + 1)) return false;
+    if (line.size() > limits::csv_line_bytes + line.ends_with('\r')) return true;  // read() refuses it
     if (!line.empty() && line.back() == '\r') line.pop_back();
     if (line.find('\r') == line.npos) return true;
     block_.swap(line);

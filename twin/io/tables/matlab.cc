@@ -193,7 +193,9 @@ Opened open_matlab(const fs::path& file) {
   if (const auto why = cut_off(file)) return tl::unexpected(fmt::format("{}: {}", file.string(), *why));
   const auto whole = hdf5::guarded(file, "is no readable MATLAB file", [&] {
     if (!hdf5::survives([&] { read_everything(file); }, hdf5::memory_for(file)))
-      throw hdf5::Failure("it is damaged so that the library for such files crashes on it or wants memory without end");
+      throw hdf5::Failure(
+          "it is damaged so that the library for such files crashes on it or wants memory without end, or this machine "
+          "has too little");
   });
   if (!whole) return tl::unexpected(Error(whole.error().message));
   auto source = std::make_unique<MatlabSource>(file);

@@ -167,6 +167,9 @@ class NumpySource final : public ArraySource {
                                         where(array), bytes,
                                         *stored - std::min<std::uintmax_t>(*stored, array.header.header_bytes)));
     for (const NumpyField& field : array.header.fields) add_field(array, field);
+    if (headers_.size() > limits::array_columns)
+      return tl::unexpected(
+          fmt::format("{}: has more than {} columns, the most that are read", file_.string(), limits::array_columns));
     arrays_.push_back(std::move(array));
     return {};
   }

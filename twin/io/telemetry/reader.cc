@@ -230,7 +230,9 @@ Status probe(const fs::path& path) {
   if (auto ok = check_input_file(path, "an HDF5 record", limits::any_length, Pipes::refuse); !ok) return ok;
   return guarded(path, no_record, [&] {
     if (!survives([&] { read_everything(path); }, memory_for(path)))
-      throw Failure("the file is damaged so that the HDF5 library crashes on it or wants memory without end");
+      throw Failure(
+          "the file is damaged so that the HDF5 library crashes on it or wants memory without end, or this machine has "
+          "too little");
   });
 }
 
