@@ -173,7 +173,9 @@ std::string sentence_of(const Survey& s, const SurveyOptions& o, bool check) {
     text += fmt::format(" {} joints have no verdict: no healthy curves of their type were learned.", s.without_model);
   if (s.without_temperature)
     text += fmt::format(" {} joints have no verdict: curves without temperature_degC.", s.without_temperature);
-  if (!s.failed.empty()) text += fmt::format(" {} joints have no verdict: judging them failed.", s.failed.size());
+  if (!s.failed.empty())
+    text += fmt::format(" {} more joints were not judged or, though listed, not explained: see what failed.",
+                        s.failed.size());
   return text;
 }
 

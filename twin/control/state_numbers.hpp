@@ -3,6 +3,7 @@
 #include <cmath>
 #include <concepts>
 #include <cstddef>
+#include <limits>
 #include <span>
 #include <type_traits>
 #include <vector>
@@ -29,7 +30,7 @@ class StateNumbers {
       if constexpr (std::same_as<T, bool>)
         x = number != 0;
       else if constexpr (std::integral<T>)
-        x = std::abs(number) <= 0x1p53 ? static_cast<T>(number) : T{};
+        x = fits<T>(number) ? static_cast<T>(number) : T{};
       else
         x = number;
     }
@@ -52,6 +53,12 @@ class StateNumbers {
   bool whole() const { return out_ || at_ == in_.size(); }
 
  private:
+  template <class T>
+  static bool fits(double number) {
+    return std::abs(number) <= 0x1p53 && number >= static_cast<double>(std::numeric_limits<T>::min()) &&
+           number <= static_cast<double>(std::numeric_limits<T>::max());
+  }
+
   std::vector<double>* out_ = nullptr;
   std::span<const double> in_;
   std::size_t at_ = 0;

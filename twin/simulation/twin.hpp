@@ -55,7 +55,8 @@ class Twin {
   /// every time of a scenario. Fails for a twin that has failed, and after `happen`.
   Result<std::vector<double>> save();
   /// Goes to a state that a twin of the same scenario, model and engine saved: its steps are then the same doubles. One
-  /// that cannot be of this scenario is refused and changes nothing. Events of `happen` are forgotten.
+  /// of another name, duration, seed, time step, drives or times of events is refused and changes nothing; other
+  /// differences of scenarios are not seen. Events of `happen` are forgotten.
   Result<void> restore(std::span<const double> numbers);
 
   const Scenario& scenario() const { return scenario_; }

@@ -106,8 +106,8 @@ Result<void> Twin::restore(std::span<const double> numbers) {
   const double events = static_cast<double>(scenario_.events.size()),
                rows = scenario_.recording ? static_cast<double>(scenario_.recording->time_s.size()) : 1;
   const auto whole = [](double x, double most) { return x >= 0 && x <= most && x == std::floor(x); };
-  if (!whole(numbers[1], events) || !whole(numbers[2], rows - 1) || !whole(numbers[3], static_cast<double>(total_)) ||
-      !whole(numbers[4], numbers[3]))
+  if (!whole(numbers[1], events) || !whole(numbers[2], rows - 1) ||
+      !whole(numbers[3], std::min(static_cast<double>(total_), 0x1p53)) || !whole(numbers[4], numbers[3]))
     return tl::unexpected(Error("the state is damaged: its time or events are not those of this scenario"));
   StateNumbers reader(numbers);
   state(reader);

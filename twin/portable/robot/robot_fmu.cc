@@ -87,7 +87,7 @@ std::string page(const Scenario& scenario, RobotCommands commands, const std::st
 <p>Communication steps are multiples of the time step, {2} s; inputs are constant in them. Outputs are those at the end
 of the step, friction and torques those of its last time step; before the first one they are 0. {3}</p>
 <p>{4}</p>
-<p>States are not saved and not restored. Work cycles are not skipped (<code>multirate</code>).</p>
+<p>States are saved, restored and serialized. Work cycles are not skipped (<code>multirate</code>).</p>
 <table border="1"><tr><th>name</th><th>unit</th><th>kind</th><th>meaning</th></tr>
 {5}</table>
 </body></html>

@@ -151,11 +151,12 @@ static int fmu_save(const fmu_instance *f, void **to, const char *function)
   if (count == 0) return fmu_reported(f, function, text);
   saved = fmu_room(to, count);
   if (!saved) return fmu_wrong(f, function, "no memory");
+  if (tribotwin_robot_save(f->robot, saved->numbers, text, sizeof text) != count)
+    return fmu_reported(f, function, text);
   memset(&saved->head, 0, sizeof saved->head);
   saved->head.order = fmu_order;
   saved->head.now = f->now;
   saved->head.count = count;
-  tribotwin_robot_save(f->robot, saved->numbers, text, sizeof text);
   saved->head.hash = fmu_hash(saved);
   return 1;
 }
@@ -205,15 +206,14 @@ static int fmu_is_whole(const fmu_saved *saved, size_t size, size_t count)
 
 static int fmu_deserialize(const fmu_instance *f, const void *bytes, size_t size, void **state, const char *function)
 {
-  char text[2000] = "";
-  const size_t count = tribotwin_robot_save(f->robot, NULL, text, sizeof text);
+  const size_t count = size > sizeof(fmu_head) ? (size - sizeof(fmu_head)) / sizeof(double) : 0;
   void *read = NULL;
   fmu_saved *saved;
   if (!bytes || !state) return fmu_wrong(f, function, "the state or the bytes are NULL");
-  if (count == 0) return fmu_reported(f, function, text);
+  if (count == 0) return fmu_wrong(f, function, "the bytes are not a whole state of this FMU and machine");
   saved = fmu_room(&read, count);
   if (!saved) return fmu_wrong(f, function, "no memory");
-  memcpy(saved, bytes, size < fmu_size(count) ? size : fmu_size(count));
+  memcpy(saved, bytes, fmu_size(count));
   if (!fmu_is_whole(saved, size, count)) {
     free(saved);
     return fmu_wrong(f, function, "the bytes are not a whole state of this FMU and machine");

@@ -31,7 +31,7 @@ constexpr RobotOutput outputs[] = {
      [](const Twin& t, std::size_t i) { return t.drive(i).load_used_nm; }},
     {"temperature_degC", "degC", "temperature of the lubricant",
      [](const Twin& t, std::size_t i) { return t.temperature_degC(i); }},
-    {"heat_J", "J", "heat of the friction since the start",
+    {"heat_J", "J", "heat of the gear since the start, that from its motor's winding included",
      [](const Twin& t, std::size_t i) { return t.drive(i).heat_J; }},
 };
 
