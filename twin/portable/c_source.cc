@@ -10,7 +10,6 @@
 #include <tribotwin/plugins/drive/slide.hpp>
 #include <tribotwin/twin/portable/c_law.hpp>
 #include <tribotwin/twin/portable/c_source.hpp>
-#include <tribotwin/twin/portable/c_winding.hpp>
 #include <tribotwin/twin/portable/joint_parameters.hpp>
 
 namespace tribotwin::twin {
@@ -585,8 +584,8 @@ std::string self_test(const Drive& d, const std::string& name) {
   const bool winds = d.winding.present();
   return filled(R"(
 #if defined(@UPPER@_SELF_TEST) || defined(@UPPER@_SELF_TEST_MAIN)
-/* speed_rad_s, load_nm, dt_s, boundary and stribeck_velocity@LOSES@, viscous, ripple, backlash_rad; then friction_nm and
- * temperature_degC@WARMS@, as tribotwin computes them. */
+/* speed_rad_s, load_nm, dt_s, boundary and stribeck_velocity@LOSES@, viscous, ripple, backlash_rad; then
+ * friction_nm and temperature_degC@WARMS@, as tribotwin computes them. */
 static const double @NAME@_rows[48][@COLUMNS@] = {
 @ROWS@};
 

@@ -1,6 +1,6 @@
 #include <fmt/format.h>
 
-#include <tribotwin/twin/portable/c_winding.hpp>
+#include <tribotwin/twin/portable/c_law.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -59,8 +59,8 @@ constexpr const char* limit_tail = R"(  return limit * @NAME@_within((@winding_l
 )";
 
 constexpr const char* heat_head =
-    R"(/* A step in which the gear with its friction needs needed_nm of the motor [Nm, arm side]. Returns what flows from the
- * winding to the gear [W]. */
+    R"(/* A step in which the gear with its friction needs needed_nm of the motor [Nm, arm side]. Returns what
+ * flows from the winding to the gear [W]. */
 static double @NAME@_winding(@NAME@_state *s, double winding_degC, double needed_nm, double dt_s)
 {
   const double per_A = @GEAR@ * @torque_constant_nm_A@, most = per_A * s->current_limit_A;

@@ -136,4 +136,20 @@ void Watch::count(int geom1, int geom2, std::int64_t step) {
   if (touched_.size() < pairs_named) touched_.push_back({geom1, geom2, 1, step});
 }
 
+void Watch::state(StateNumbers& s) {
+  for (JointWatch& j : joints_) {
+    s(j.saturated), s(j.beyond_range), s(j.too_fast), s(j.overloaded), s(j.too_cold), s(j.too_hot);
+    s(j.error_squared_sum), s(j.error_max);
+  }
+  s(touched_steps_);
+  // As many numbers for any number of pairs.
+  std::size_t count = touched_.size();
+  s(count);
+  touched_.resize(pairs_named);
+  for (TouchedGeoms& pair : touched_) s(pair.geom1), s(pair.geom2), s(pair.steps), s(pair.last_step);
+  touched_.resize(std::min(count, pairs_named));
+  const auto known = [&](int geom) { return geom >= 0 && geom < model_->ngeom; };
+  std::erase_if(touched_, [&](const TouchedGeoms& pair) { return !known(pair.geom1) || !known(pair.geom2); });
+}
+
 }  // namespace tribotwin::twin

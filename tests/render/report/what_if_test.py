@@ -1,5 +1,5 @@
-"""What if, on the page of a law: the kernel in the page computes what tribotwin curve does, sliders move the drawn curve,
-and a page without them stays as it was. Arguments: tribotwin, tribotwin-report."""
+"""What if, on the page of a law: the kernel in the page computes what tribotwin curve does, sliders move the drawn
+curve, and a page without them stays as it was. Arguments: tribotwin, tribotwin-report."""
 import base64, hashlib, html, json, re, sys
 
 import numpy as np
