@@ -94,7 +94,7 @@ TEST(Text, OfAFileThatCannotBeReadIsNotTakenForAnEmptyOne) {
   EXPECT_EQ(text.error().kind, ErrorKind::work);
   const auto bytes = read_bytes(not_to_be_read);
   ASSERT_FALSE(bytes);
-  EXPECT_EQ(bytes.error().message, "/proc/self/mem: cannot be read (Input/output error)");
+  EXPECT_EQ(bytes.error().message, "/proc/self/mem: cannot be read to its end (Input/output error)");
 }
 
 }  // namespace tribotwin::twin

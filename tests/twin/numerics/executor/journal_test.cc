@@ -174,7 +174,7 @@ TEST_F(JournalTest, AFullDiskLosesNothingThatWasKept) {
 TEST_F(JournalTest, OneThatCannotBeReadIsNotTakenForAnother) {
   const auto journal = Journal::open("/proc/self/mem", "this plan", 1000);  // address 0: reading fails
   ASSERT_FALSE(journal);
-  EXPECT_EQ(journal.error().message, "/proc/self/mem: cannot be read (Input/output error)");
+  EXPECT_EQ(journal.error().message, "/proc/self/mem: cannot be read to its end (Input/output error)");
 }
 
 }  // namespace
