@@ -28,35 +28,17 @@
    themselves; fprintf, fputs and what a buffer writes by itself are not. Mounting a small tmpfs catches those
    (disaster_test.py does). */
 #define _GNU_SOURCE
-#include <dlfcn.h>
 #include <errno.h>
-#include <fcntl.h>
-#include <limits.h>
 #include <signal.h>
-#include <stdarg.h>
 #include <stdatomic.h>
-#include <stdbool.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/uio.h>
-#include <unistd.h>
 
-#define EXPORT __attribute__((visibility("default")))
-#define REAL(name) ((__typeof__(&name))real(#name))
-
-static void* real(const char* name) {
-  void* function = dlsym(RTLD_NEXT, name);
-  if (!function) abort();
-  return function;
-}
+#include "preloaded.h"
 
 enum { descriptors = 4096 };
-static char folder[PATH_MAX];
-static size_t folder_length;
 static enum { full, once, half, killed, torn, read_only } how;
 static long at;
 static atomic_long* count; /* of all processes of the program */
@@ -64,19 +46,9 @@ static pid_t program;
 static int log_file = -1;
 static atomic_bool unsynchronised[descriptors];
 
-static bool named(const char* list, const char* name) {
-  const size_t length = strlen(name);
-  for (const char* p = list; (p = strstr(p, name)); p += length)
-    if ((p == list || p[-1] == ',') && (p[length] == 0 || p[length] == ',')) return true;
-  return false;
-}
-
 __attribute__((constructor)) static void start(void) {
-  char self[PATH_MAX] = "";
   const char* where = getenv("FAULTY_DISK_FOLDER");
-  const char* programs = getenv("FAULTY_DISK_PROGRAMS");
-  if (!where || !realpath(where, folder) || readlink("/proc/self/exe", self, sizeof self - 1) < 0) return;
-  if (programs && !named(programs, strrchr(self, '/') + 1)) return;
+  if (!where || !realpath(where, folder) || !is_concerned(getenv("FAULTY_DISK_PROGRAMS"))) return;
   count = mmap(NULL, sizeof *count, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (count == MAP_FAILED) abort();
   program = getpid();
@@ -92,35 +64,6 @@ __attribute__((constructor)) static void start(void) {
   const int opened = (int)syscall(SYS_openat, AT_FDCWD, file, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
   log_file = fcntl(opened, F_DUPFD_CLOEXEC, 1000); /* out of the way of descriptors that a test closes */
   syscall(SYS_close, opened);
-}
-
-static bool inside(const char* path) {
-  return folder_length && strncmp(path, folder, folder_length) == 0 &&
-         (path[folder_length] == '/' || path[folder_length] == 0);
-}
-
-static bool path_of(int fd, char* path) {
-  char link[40];
-  snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
-  const ssize_t n = readlink(link, path, PATH_MAX - 1);
-  if (n > 0) path[n] = 0;
-  return n > 0;
-}
-
-/* The absolute path of something that need not exist. */
-static void resolve(int directory, const char* given, char* path) {
-  char whole[2 * PATH_MAX], parent[PATH_MAX];
-  if (given[0] == '/')
-    snprintf(whole, sizeof whole, "%s", given);
-  else {
-    if (directory == AT_FDCWD ? !getcwd(parent, sizeof parent) : !path_of(directory, parent)) parent[0] = 0;
-    snprintf(whole, sizeof whole, "%s/%s", parent, given);
-  }
-  for (size_t n = strlen(whole); n > 1 && whole[n - 1] == '/'; --n) whole[n - 1] = 0;
-  char* name = strrchr(whole, '/');
-  *name++ = 0;
-  if (!realpath(whole[0] ? whole : "/", parent)) snprintf(parent, sizeof parent, "%.*s", PATH_MAX - 1, whole);
-  snprintf(path, PATH_MAX, "%.*s/%.*s", PATH_MAX / 2, strcmp(parent, "/") ? parent : "", PATH_MAX / 2 - 2, name);
 }
 
 static int reason(void) { return how == read_only ? EROFS : ENOSPC; }
@@ -308,22 +251,10 @@ static bool makes_a_file(int flags) {
   return (flags & O_ACCMODE) != O_RDONLY && ((flags & (O_CREAT | O_TRUNC)) || (flags & O_TMPFILE) == O_TMPFILE);
 }
 
-#define OPEN(name, declaration, directory, path, ...)                                     \
-  EXPORT int name declaration {                                                           \
-    mode_t mode = 0;                                                                      \
-    if ((flags & O_CREAT) || (flags & O_TMPFILE) == O_TMPFILE) {                          \
-      va_list more;                                                                       \
-      va_start(more, flags);                                                              \
-      mode = va_arg(more, mode_t);                                                        \
-      va_end(more);                                                                       \
-    }                                                                                     \
-    if (makes_a_file(flags) && change_of_path(#name, directory, path) == fail) return -1; \
-    return REAL(name)(__VA_ARGS__, flags, mode);                                          \
-  }
-OPEN(open, (const char* path, int flags, ...), AT_FDCWD, path, path)
-OPEN(open64, (const char* path, int flags, ...), AT_FDCWD, path, path)
-OPEN(openat, (int folder_fd, const char* path, int flags, ...), folder_fd, path, folder_fd, path)
-OPEN(openat64, (int folder_fd, const char* path, int flags, ...), folder_fd, path, folder_fd, path)
+static bool open_fails(const char* call, int directory, const char* path, int flags) {
+  return makes_a_file(flags) && change_of_path(call, directory, path) == fail;
+}
+OPEN_CALLS
 EXPORT int creat(const char* path, mode_t mode) { return open(path, O_WRONLY | O_CREAT | O_TRUNC, mode); }
 EXPORT int creat64(const char* path, mode_t mode) { return open64(path, O_WRONLY | O_CREAT | O_TRUNC, mode); }
 

@@ -19,60 +19,34 @@
 
    Limitation: what glibc calls within itself is not seen, such as the read() of fread(). */
 #define _GNU_SOURCE
-#include <dlfcn.h>
 #include <errno.h>
-#include <fcntl.h>
-#include <limits.h>
 #include <poll.h>
-#include <stdarg.h>
 #include <stdatomic.h>
-#include <stdbool.h>
 #include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/time.h>
 #include <sys/uio.h>
 #include <time.h>
-#include <unistd.h>
 
-#define EXPORT __attribute__((visibility("default")))
-#define REAL(name) ((__typeof__(&name))real(#name))
-
-static void* real(const char* name) {
-  void* function = dlsym(RTLD_NEXT, name);
-  if (!function) abort();
-  return function;
-}
+#include "preloaded.h"
 
 enum fault { none, reading, opening, syncing, memory, interrupted, short_moves, clock_back, clock_forth };
 static const char* const fault_names[] = {"",       "read",        "open",  "sync",       "memory",
                                           "interrupted", "short", "clock_back", "clock_forth"};
 static enum fault fault;
 static long at;
-static char folder[PATH_MAX];
-static size_t folder_length;
 static atomic_long* count;
 static const char* log_name;
 static bool started; /* main() has begun */
 
-static bool named(const char* list, const char* name) {
-  const size_t length = strlen(name);
-  for (const char* p = list; (p = strstr(p, name)); p += length)
-    if ((p == list || p[-1] == ',') && (p[length] == 0 || p[length] == ',')) return true;
-  return false;
-}
-
 static void prepare(void) {
-  char self[PATH_MAX] = "";
   const char *what = getenv("FAULTY_MACHINE"), *where = getenv("FAULTY_MACHINE_FOLDER"),
              *programs = getenv("FAULTY_MACHINE_PROGRAMS"), *number = getenv("FAULTY_MACHINE_AT"),
              *counter = getenv("FAULTY_MACHINE_COUNT");
   if (!what || !where || !programs || !counter || !realpath(where, folder)) return;
-  if (readlink("/proc/self/exe", self, sizeof self - 1) < 0 || !named(programs, strrchr(self, '/') + 1)) return;
+  if (!is_concerned(programs)) return;
   const int fd = (int)syscall(SYS_openat, AT_FDCWD, counter, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
   if (fd < 0 || syscall(SYS_ftruncate, fd, sizeof *count) != 0) abort();
   count = mmap(NULL, sizeof *count, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
@@ -108,18 +82,6 @@ static void note(const char* call, const char* path) {
     syscall(SYS_write, fd, part, strlen(part));
   syscall(SYS_write, fd, "\n", 1);
   syscall(SYS_close, fd);
-}
-
-static bool inside(const char* path) {
-  return strncmp(path, folder, folder_length) == 0 && (path[folder_length] == '/' || path[folder_length] == 0);
-}
-
-static bool path_of(int fd, char* path) {
-  char link[40];
-  snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
-  const ssize_t n = readlink(link, path, PATH_MAX - 1);
-  if (n > 0) path[n] = 0;
-  return n > 0;
 }
 
 /* Whether this is the call of its kind that fails. */
@@ -184,38 +146,21 @@ SYNC(fsync)
 SYNC(fdatasync)
 SYNC(syncfs)
 
-static bool opening_fails(const char* call, int directory, const char* given) {
-  char whole[2 * PATH_MAX], parent[PATH_MAX] = "";
+static bool open_fails(const char* call, int directory, const char* given, int flags) {
+  char path[PATH_MAX];
+  (void)flags;
   if (!started || fault != opening) return false;
   const int kept = errno;
-  if (given[0] != '/' && (directory == AT_FDCWD ? !getcwd(parent, sizeof parent) : !path_of(directory, parent)))
-    parent[0] = 0;
-  snprintf(whole, sizeof whole, given[0] == '/' ? "%.0s%s" : "%s/%s", parent, given);
+  resolve(directory, given, path);
   errno = kept;
-  return fails_at(opening, call, whole, EMFILE);
+  return fails_at(opening, call, path, EMFILE);
 }
-
-#define OPEN(name, declaration, directory, path, ...)                              \
-  EXPORT int name declaration {                                                    \
-    mode_t mode = 0;                                                               \
-    if ((flags & O_CREAT) || (flags & O_TMPFILE) == O_TMPFILE) {                   \
-      va_list more;                                                                \
-      va_start(more, flags);                                                       \
-      mode = va_arg(more, mode_t);                                                 \
-      va_end(more);                                                                \
-    }                                                                              \
-    if (opening_fails(#name, directory, path)) return -1;                          \
-    return REAL(name)(__VA_ARGS__, flags, mode);                                   \
-  }
-OPEN(open, (const char* path, int flags, ...), AT_FDCWD, path, path)
-OPEN(open64, (const char* path, int flags, ...), AT_FDCWD, path, path)
-OPEN(openat, (int folder_fd, const char* path, int flags, ...), folder_fd, path, folder_fd, path)
-OPEN(openat64, (int folder_fd, const char* path, int flags, ...), folder_fd, path, folder_fd, path)
+OPEN_CALLS
 EXPORT FILE* fopen(const char* path, const char* mode) {
-  return opening_fails("fopen", AT_FDCWD, path) ? NULL : REAL(fopen)(path, mode);
+  return open_fails("fopen", AT_FDCWD, path, 0) ? NULL : REAL(fopen)(path, mode);
 }
 EXPORT FILE* fopen64(const char* path, const char* mode) {
-  return opening_fails("fopen", AT_FDCWD, path) ? NULL : REAL(fopen64)(path, mode);
+  return open_fails("fopen", AT_FDCWD, path, 0) ? NULL : REAL(fopen64)(path, mode);
 }
 
 /* glibc's own names: to look a function up takes memory itself. */
