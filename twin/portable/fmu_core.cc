@@ -42,6 +42,26 @@ static int fmu_wrong(const fmu_instance *f, const char *function, const char *wh
   return fmu_failed;
 }
 
+/* Of a state as bytes: a number that tells the order of bytes, and a checksum (FNV-1a), of nothing to begin with. */
+static const double fmu_order = 1.2345678901234567;
+static const uint32_t fmu_of_nothing = 2166136261u;
+
+static uint32_t fmu_checksum(uint32_t hash, const void *data, size_t size)
+{
+  const unsigned char *bytes = (const unsigned char *)data;
+  size_t i;
+  for (i = 0; i < size; ++i) hash = (hash ^ bytes[i]) * 16777619u;
+  return hash;
+}
+
+static int fmu_release(const fmu_instance *f, void **state, const char *function)
+{
+  if (!state) return fmu_wrong(f, function, "the state is NULL");
+  free(*state);
+  *state = NULL;
+  return 1;
+}
+
 static void fmu_evaluate_if_new(fmu_instance *f)
 {
   if (f->now.mode & (in_instantiated | in_initialization)) fmu_evaluate(&f->now);
@@ -263,7 +283,6 @@ static int fmu_step(fmu_instance *f, double time_s, double dt_s, const char *fun
 }
 
 /* A state as bytes: token, size and order of the numbers, state, checksum. */
-static const double fmu_order = 1.2345678901234567;
 enum {
   fmu_token_size = sizeof fmu_token,
   fmu_head_size = fmu_token_size + sizeof(double),
@@ -271,21 +290,13 @@ enum {
   fmu_bytes_size = fmu_body_size + sizeof(uint32_t)
 };
 
-static uint32_t fmu_checksum(const unsigned char *bytes)
-{
-  uint32_t hash = 2166136261u;
-  size_t i;
-  for (i = 0; i < fmu_body_size; ++i) hash = (hash ^ bytes[i]) * 16777619u; /* FNV-1a */
-  return hash;
-}
-
 static void fmu_pack(const fmu_state *s, unsigned char *bytes)
 {
   uint32_t hash;
   memcpy(bytes, fmu_token, fmu_token_size);
   memcpy(bytes + fmu_token_size, &fmu_order, sizeof fmu_order);
   memcpy(bytes + fmu_head_size, s, sizeof *s);
-  hash = fmu_checksum(bytes);
+  hash = fmu_checksum(fmu_of_nothing, bytes, fmu_body_size);
   memcpy(bytes + fmu_body_size, &hash, sizeof hash);
 }
 
@@ -296,7 +307,7 @@ static int fmu_unpack(const unsigned char *bytes, size_t size, fmu_state *s)
       memcmp(bytes + fmu_token_size, &fmu_order, sizeof fmu_order) != 0)
     return 0;
   memcpy(&hash, bytes + fmu_body_size, sizeof hash);
-  if (hash != fmu_checksum(bytes)) return 0;
+  if (hash != fmu_checksum(fmu_of_nothing, bytes, fmu_body_size)) return 0;
   memcpy(s, bytes + fmu_head_size, sizeof *s);
   return 1;
 }
@@ -322,14 +333,6 @@ static int fmu_serialized_size(const fmu_instance *f, const void *state, size_t 
 {
   if (!state || !size) return fmu_wrong(f, function, "the state or the size is NULL");
   *size = fmu_bytes_size;
-  return 1;
-}
-
-static int fmu_release(const fmu_instance *f, void **state, const char *function)
-{
-  if (!state) return fmu_wrong(f, function, "the state is NULL");
-  free(*state);
-  *state = NULL;
   return 1;
 }
 

@@ -11,6 +11,7 @@
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/plugins/mujoco/engine_state.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/fingerprint.hpp>
 #include <tribotwin/twin/simulation/twin.hpp>
 
 namespace tribotwin::twin {
@@ -39,7 +40,7 @@ bool ends_run(int warning) {
   return warning != mjWARN_CONTACTFULL && warning != mjWARN_CNSTRFULL;
 }
 
-/// Of the scenario, wherever its files lie: FNV-1a, exact as a double.
+/// Of the scenario, wherever its files lie; exact as a double.
 double scenario_mark(const Twin& twin) {
   const Scenario& scenario = twin.scenario();
   std::string text = fmt::format("{} {} {} {} {}", scenario.name, scenario.duration_s, scenario.seed,
@@ -49,9 +50,9 @@ double scenario_mark(const Twin& twin) {
     text += joint_name(scenario.model->get(), binding);
     for (const auto& [key, value] : drive::configuration_of(binding.drive)) text += key + value;
   }
-  std::uint64_t hash = 14695981039346656037u;
-  for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211u;
-  return static_cast<double>(hash >> 12);
+  Fingerprint mark;
+  mark.add(text);
+  return static_cast<double>(mark.value() >> 12);
 }
 
 void state_of(mjData* d, StateNumbers& s) {

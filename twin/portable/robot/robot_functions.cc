@@ -109,25 +109,18 @@ typedef struct {
   double numbers[1]; /* head.count */
 } fmu_saved;
 
-static const double fmu_order = 1.2345678901234567;
-
 static size_t fmu_size(size_t count)
 {
   return sizeof(fmu_head) + count * sizeof(double);
 }
 
-/* FNV-1a over the head without its hash, and the numbers. */
+/* Over the head without its hash, and the numbers. */
 static uint64_t fmu_hash(const fmu_saved *saved)
 {
   fmu_head head = saved->head;
-  const unsigned char *bytes = (const unsigned char *)&head;
-  uint64_t hash = 14695981039346656037u;
-  size_t i;
   head.hash = 0;
-  for (i = 0; i < sizeof head; ++i) hash = (hash ^ bytes[i]) * 1099511628211u;
-  bytes = (const unsigned char *)saved->numbers;
-  for (i = 0; i < saved->head.count * sizeof(double); ++i) hash = (hash ^ bytes[i]) * 1099511628211u;
-  return hash;
+  return fmu_checksum(fmu_checksum(fmu_of_nothing, &head, sizeof head), saved->numbers,
+                      saved->head.count * sizeof(double));
 }
 
 /* Room for a state in *to, which may be one of before. */
@@ -169,14 +162,6 @@ static int fmu_restore(fmu_instance *f, const void *from, const char *function)
   if (!tribotwin_robot_restore(f->robot, saved->numbers, saved->head.count, text, sizeof text))
     return fmu_reported(f, function, text);
   f->now = saved->head.now;
-  return 1;
-}
-
-static int fmu_release(const fmu_instance *f, void **state, const char *function)
-{
-  if (!state) return fmu_wrong(f, function, "the state is NULL");
-  free(*state);
-  *state = NULL;
   return 1;
 }
 

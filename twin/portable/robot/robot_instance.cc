@@ -15,6 +15,7 @@
 #include <tribotwin/twin/portable/robot/robot_instance.h>
 #include <tribotwin/twin/portable/robot/robot_variables.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/fingerprint.hpp>
 
 namespace tw = tribotwin::twin;
 
@@ -71,11 +72,11 @@ fs::path folder_of(std::string given) {
   return given;
 }
 
-/// FNV-1a of the token, exact as a double.
+/// Of the token, exact as a double.
 double mark_of(std::string_view token) {
-  std::uint64_t hash = 14695981039346656037u;
-  for (const char c : token) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211u;
-  return static_cast<double>(hash >> 12);
+  tw::Fingerprint mark;
+  mark.add(token);
+  return static_cast<double>(mark.value() >> 12);
 }
 
 std::unique_ptr<tribotwin_robot> open_robot(const char* token, const char* resources) {
