@@ -3,16 +3,11 @@ all. Each run ends in time with exit code 0, 1 or 2; where it is not 0, with one
 and no word of a library. Arguments: tribotwin, tribotwin-hil, source tree; by hand also how many flips (8)."""
 import concurrent.futures, os, random, re, shutil, sys
 
+from foreign import FOREIGN
 from harness import check, content, finish, path, run
 
 tribotwin, hil, source = sys.argv[1:4]
 FLIPS = int(sys.argv[4]) if len(sys.argv) > 4 else 8
-# What libraries, the C++ runtime and the kernel say. Every line of ours begins with a file, an option or "note:".
-FOREIGN = re.compile(
-    r"HDF5-DIAG|H5[A-Z]\w*\(|terminate called|what\(\)|yaml-cpp|json\.exception|\[json|nlohmann|[cC]eres|glog|"
-    r"WARNING: Logging|Check failed|std::|bad_alloc|Sanitizer|Segmentation|Abort|core dumped|free\(\)|malloc|"
-    r"corruption|Traceback|bad conversion|mju_|mj_|\bmatio|InvalidNode|\.cc:\d|\.cpp:\d"
-)
 
 
 def write(name, data):

@@ -4,12 +4,9 @@ or memory left, a disk that fails a sync, calls that are interrupted or move hal
 those of an undisturbed machine. Afterwards it works as ever. Options: programs.py."""
 import random, re
 
+from foreign import FOREIGN
 from programs import *
 
-# What a user never has to read: other libraries' words and a program that did not expect this.
-FOREIGN = re.compile(
-    r"HDF5-DIAG|Traceback|terminate called|what\(\)|std::|basic_|bad_alloc|Assertion|GLib|core dumped|CRITICAL|Ceres"
-)
 # Of each: whether every call fails or the N-th one, and what the message says.
 FAULTS = {
     "interrupted": (False, ""),
