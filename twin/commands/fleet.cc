@@ -85,7 +85,7 @@ std::vector<Failed> failed_of(const char* work, const std::vector<FailedPart>& p
 std::vector<Failed> failed_of(const std::vector<FailedModel>& models) {
   std::vector<Failed> all;
   for (const auto& [type, joint, input, failure] : models)
-    all.push_back({.name = fmt::format("model: joint {}{}", joint, type.empty() ? "" : " of type " + type),
+    all.push_back({.name = fmt::format("model: {}", diagnosis::fleet::name_of(type, joint)),
                    .json = with_failure({{"work", "model"}, {"type", type}, {"joint", joint}}, input, failure),
                    .failure = failure});
   return all;

@@ -186,6 +186,10 @@ std::string name_of(const Key& k) {
                      k.curve > 1 ? fmt::format(", curve {}", k.curve) : "");
 }
 
+std::string name_of(const std::string& type, const std::string& joint) {
+  return fmt::format("joint {}{}", joint, type.empty() ? "" : " of type " + type);
+}
+
 std::string LevelCurve::where() const { return fmt::format("{}:{}", file, line); }
 
 std::uint32_t LevelCurve::checksum() const {

@@ -19,6 +19,8 @@ struct Key {
 };
 /// "robot R7, joint joint3, 2026-11-23, curve 1"
 std::string name_of(const Key& key);
+/// "joint joint3 of type irb6620"; the type of robot may be empty.
+std::string name_of(const std::string& type, const std::string& joint);
 
 /// Columns of equal length, speeds and friction >= 0.
 struct LevelCurve {

@@ -47,7 +47,7 @@ std::int64_t whole(std::size_t x) { return static_cast<std::int64_t>(x); }
 constexpr char failed[] = " failed: ", fit_of_curve[] = "fit of curve ";
 std::string failure_of_fit(std::int64_t curve) { return fmt::format("{}{}{}", fit_of_curve, curve, failed); }
 std::string failure_of_model(const std::string& type, const std::string& joint) {
-  return fmt::format("model of joint {}{}{}", joint, type.empty() ? "" : " of type " + type, failed);
+  return fmt::format("model of {}{}", name_of(type, joint), failed);
 }
 
 }  // namespace

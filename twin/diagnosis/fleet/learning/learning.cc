@@ -23,8 +23,6 @@ struct Group {
   std::string type, joint;
   std::vector<std::int64_t> ids;  ///< of the robots' joints
   std::size_t robots = 0, curves = 0;
-
-  std::string name() const { return fmt::format("joint {}{}", joint, type.empty() ? "" : " of type " + type); }
 };
 
 std::vector<Group> groups_of(Store& store) {
@@ -121,7 +119,7 @@ class Learning {
       if (good) {
         store_.put_model(out_.models.emplace_back(from_text(text)));
       } else {
-        problem = fmt::format("{}: {}", groups_[i].name(), text);
+        problem = fmt::format("{}: {}", name_of(groups_[i].type, groups_[i].joint), text);
         out_.notes.push_back("no model of " + problem);
       }
     }
