@@ -726,8 +726,9 @@ def judge(command, outcome, truth, killed=False):
                 complaints.append(f"{name} ({len(now)} bytes) {why}")
         elif now not in before.values() and not (command.state and name.startswith(command.state)):
             litter.append(name)
-    for name, data in before.items():  # what it was given stays, under whatever name
-        if name.split("/")[0] in command.given and os.path.basename(name) != "run.lock" and not moved[data]:
+    for name, data in before.items():  # what it was given stays, under whatever name; an old result was not given
+        given = name.split("/")[0] in command.given and name not in command.out
+        if given and os.path.basename(name) != "run.lock" and not moved[data]:
             complaints.append(f"{name}, which it was given, is lost")
     for output in command.out if command.as_one else ():  # a folder is one result
         belongs = lambda name: name == output or output.endswith("/") and name.startswith(output)
