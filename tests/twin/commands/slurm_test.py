@@ -80,6 +80,21 @@ r = sweep("plan.yaml", "-o", "undisturbed", "--threads", "2", "--quiet")
 truth = bytes_of("undisturbed")
 check("the sweep on threads", r.returncode == 0 and len(truth) == 3, r.stderr)
 
+# ---- A launcher that ends well without having started a rank (srun, when a step times out while it is given up).
+os.mkdir(path("launchers"))
+write("launchers/srun", "#!/bin/bash\n[ $1 != --mpi=list ] || echo pmix\n")
+os.chmod(path("launchers/srun"), 0o755)
+in_a_job = {
+    **harness.MPI_ENVIRONMENT,
+    "OMPI_MCA_ras": "^slurm",
+    "PATH": path("launchers") + ":" + os.environ["PATH"],
+    "SLURM_JOB_ID": "1",
+    "SLURM_NTASKS": "2",
+}
+r = harness.run("bash", "sized.sbatch", env=in_a_job)
+check("a launcher that starts nothing is not believed", ": srun " in r.stdout and ": mpirun " in r.stdout, r)
+check("the results are there", r.returncode == 0 and bytes_of("sized") == truth, r)
+
 # Two nodes on one machine would take each other's shared memory for theirs.
 loopback = {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",

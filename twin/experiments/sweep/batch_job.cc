@@ -49,9 +49,10 @@ make() {
   wait "$ranks"
   code=$?
 }
-# Code 1 with results of this start: some runs have failed.
+# Code 0 without results: a launcher that gave up says so at times. Code 1 with results of this start: some runs have
+# failed.
 results() { stat -c %Y "$folder/statistics.json" 2> /dev/null || echo 0; }
-complete() { [ "$code" -eq 0 ] || [ "$(results)" -ge "$started" ]; }
+complete() { if [ "$code" -eq 0 ]; then [ "$(results)" -gt 0 ]; else [ "$(results)" -ge "$started" ]; fi; }
 # Not one run more, and the input was not wrong: the ranks cannot be started or do not find each other.
 idle() { ! complete && [ "$code" -ne 2 ] && [ "$(finished)" -le "$before" ]; }
 
