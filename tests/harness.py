@@ -6,6 +6,8 @@ import atexit, os, shutil, subprocess, sys, tempfile, threading
 sys.dont_write_bytecode = True
 work = os.path.realpath(tempfile.mkdtemp(prefix="tribotwin_test_"))
 failures = []
+# Whether tests that sample take everything instead: --all, or TRIBOTWIN_NIGHTLY=1 for all tests of a ctest.
+nightly = "--all" in sys.argv or os.environ.get("TRIBOTWIN_NIGHTLY") == "1"
 # What summary.json says of the clock, as a regular expression.
 OF_THE_CLOCK = r',?\s*"(finished_at|wall_s|realtime_factor)": [^,}]*'
 # For mpirun on one machine: loopback, shared memory, and root, as in a container.

@@ -7,7 +7,7 @@ from programs import *
 
 REASON = "No space left on device"
 READ_ONLY = "Read-only file system"
-kills = 8 if options.all else 1  # at random instants, per command and start
+kills = 8 if nightly else 1  # at random instants, per command and start
 variants = [
     (c, over)
     for c in commands
@@ -37,7 +37,7 @@ def undisturbed(variant):
 
 def chosen(count):
     """Of many calls the first and last 15 and some between."""
-    between = 30 if options.all else 8
+    between = 30 if nightly else 8
     if count <= 40:
         return list(range(1, count + 1))
     return sorted(
@@ -90,9 +90,9 @@ def full_disk(variant, truth, calls):
     """The N-th change fails, one way after the other; with --all in every way. What can go on does so once."""
     command, over_old = variant
     ways = ["full", "short", "once"]
-    cases = [(n, how) for n in chosen(len(calls)) for how in (ways if options.all else [ways[n % 3]])]
+    cases = [(n, how) for n in chosen(len(calls)) for how in (ways if nightly else [ways[n % 3]])]
     can_go_on = command.resumable and not command.recording
-    read_only = chosen(len(calls))[:: 1 if options.all else 4] if can_go_on else []
+    read_only = chosen(len(calls))[:: 1 if nightly else 4] if can_go_on else []
     cases += [(n, "read-only") for n in read_only]
     resumed = read_only[len(read_only) // 2 :][:1]
 
@@ -220,9 +220,9 @@ def again(command, over_old, killed, truth):
 def killed_at_calls(variant, truth, calls):
     command, over_old = variant
     cases = [
-        (n, how) for n in chosen(len(calls)) for how in (["kill", "torn"] if options.all else [["kill", "torn"][n % 2]])
+        (n, how) for n in chosen(len(calls)) for how in (["kill", "torn"] if nightly else [["kill", "torn"][n % 2]])
     ]
-    if not options.all:
+    if not nightly:
         cases = random.Random(seed).sample(cases, min(2, len(cases)))
 
     def one(case):

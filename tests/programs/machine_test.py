@@ -18,7 +18,7 @@ FAULTS = {
     "sync": (True, "Input/output error"),
     "memory": (True, "out of memory"),
 }
-SAMPLES = 12 if options.all else 1  # of one fault and command, where every N would be too many
+SAMPLES = 12 if nightly else 1  # of one fault and command, where every N would be too many
 own = {os.path.basename(p) for p in programs.values() if p}
 
 
@@ -151,5 +151,5 @@ def sample():
     return sum(test(c, False, SAMPLE[c.name]) for c in commands if c.name in SAMPLE)
 
 
-print(whole() if options.all else sample(), "faults met")
+print(whole() if nightly else sample(), "faults met")
 finish()

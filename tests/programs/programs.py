@@ -9,7 +9,7 @@ import socket, sqlite3, subprocess, sys, threading, time
 import h5py
 import numpy as np
 
-from harness import check, failures, finish, work
+from harness import check, failures, finish, nightly, work
 from pendulum import PENDULUM
 
 parser = argparse.ArgumentParser()

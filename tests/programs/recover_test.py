@@ -174,7 +174,7 @@ def cut(case):
 def cuts():
     source = random.Random(seed)
     whole, unfinished = read(inputs + "/whole/telemetry.h5"), read(inputs + "/torn/telemetry.h5")
-    count = 500 if options.all else 50
+    count = 500 if nightly else 50
     for kind, data in (("a finished record", whole), ("a killed run's record", unfinished)):
         # Anywhere, and near the end where the newest things are.
         sizes = (
@@ -198,6 +198,6 @@ def cuts():
 kill_while_running("torn", 4, *SETTINGS)
 in_parallel(interrupted, [("SIGINT", signal.SIGINT, 0.4), ("SIGTERM", signal.SIGTERM, 2.0)])
 moments = random.Random(seed)
-in_parallel(killed, [moments.uniform(1.2, 4) for _ in range(12 if options.all else 4)])
+in_parallel(killed, [moments.uniform(1.2, 4) for _ in range(12 if nightly else 4)])
 cuts()
 finish()
