@@ -121,6 +121,35 @@ PartitionName=all Nodes=a,b Default=YES MaxTime=INFINITE State=UP
             except ProcessLookupError:
                 pass
 
+    def crash(self, node):
+        """The machine of a node stops: its daemon, steps and ranks at once. Slurm is told what it finds out in time."""
+        self.daemons[node].kill()
+        self.daemons[node].wait()
+        # Before the ranks: the job must not end because they are killed.
+        self.ask("scontrol", "update", "NodeName=" + node, "State=DOWN", "Reason=crash")
+        for pid in [pid for pid in processes("SLURM_CONF", self.file) if self._of_node(pid, node)]:
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+
+    def boot(self, node):
+        """It is there again, with what its disk holds."""
+        self._start(node, "slurmd", "-D", "-N", node)
+        self.ask("scontrol", "update", "NodeName=" + node, "State=RESUME")
+        self.wait(lambda: self.ask("sinfo", "-h", "-n", node, "-o", "%T") == "idle", f"idle node {node}")
+
+    def _of_node(self, pid, node):
+        """A rank or its task by its environment, a step by the log that it writes."""
+        try:
+            with open(f"/proc/{pid}/environ", errors="replace") as f:
+                if f"SLURMD_NODENAME={node}" in f.read().split("\0"):
+                    return True
+            log = os.path.join(self.folder, f"slurmd-{node}.log")
+            return any(os.readlink(file) == log for file in glob.glob(f"/proc/{pid}/fd/*"))
+        except OSError:
+            return False
+
     def call(self, *command, **options):
         return subprocess.run(
             [str(x) for x in command],
@@ -143,7 +172,8 @@ PartitionName=all Nodes=a,b Default=YES MaxTime=INFINITE State=UP
 
     def logs(self):
         text = ""
-        for name in sorted(glob.glob(os.path.join(self.folder, "*.log")) + glob.glob(self.folder + "/*.out")):
+        jobs = glob.glob(os.path.join(os.path.dirname(self.folder), "*.slurm-*.log"))
+        for name in jobs + sorted(glob.glob(self.folder + "/*.log") + glob.glob(self.folder + "/*.out")):
             with open(name, errors="replace") as f:
                 text += f"\n== {name}\n" + "".join(f.readlines()[-15:])
         return text

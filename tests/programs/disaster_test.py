@@ -91,7 +91,7 @@ def full_disk(variant, truth, calls):
     command, over_old = variant
     ways = ["full", "short", "once"]
     cases = [(n, how) for n in chosen(len(calls)) for how in (ways if nightly else [ways[n % 3]])]
-    can_go_on = command.resumable and not command.recording
+    can_go_on = command.resumable
     read_only = chosen(len(calls))[:: 1 if nightly else 4] if can_go_on else []
     cases += [(n, "read-only") for n in read_only]
     resumed = read_only[len(read_only) // 2 :][:1]
