@@ -5,7 +5,7 @@ namespace tribotwin::render::program {
 namespace {
 
 int execute(const FolderOptions& a, const std::string& command_line) {
-  const PageFile page(a);
+  const PageFile page(a, "friction.csv");
   const auto data = twin::or_wrong_input(load_days(a.directory));
   return page.make(command_line, [&](const ReportOptions& options) { return make_days_report(data, options); });
 }

@@ -32,8 +32,10 @@ class PageFile {
   /// The page is `otherwise` where no -o names it. Throws InputError where a file cannot be written or is an input.
   PageFile(const PageOptions& options, const std::filesystem::path& otherwise,
            const std::vector<std::filesystem::path>& inputs);
-  explicit PageFile(const FolderOptions& options)
-      : PageFile(options, std::filesystem::path(options.directory) / "report.html", {}) {}
+  /// `file` is one of the folder whose day the page has.
+  PageFile(const FolderOptions& options, const char* file)
+      : PageFile(options, std::filesystem::path(options.directory) / "report.html",
+                 {std::filesystem::path(options.directory) / file}) {}
 
   /// Makes the page, shows its progress and writes it. Returns the exit code.
   int make(const std::string& command_line, const std::function<Result<Report>(const ReportOptions&)>& report) const;

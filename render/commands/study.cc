@@ -6,7 +6,7 @@ namespace {
 
 int execute(const FolderOptions& a, const std::string& command_line) {
   const auto joints = twin::or_wrong_input(load_study_folder(a.directory));
-  const PageFile page(a);
+  const PageFile page(a, "diagnosis.json");
   return page.make(command_line,
                    [&](const ReportOptions& options) { return make_study_report(a.directory, joints, options); });
 }

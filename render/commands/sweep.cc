@@ -5,7 +5,7 @@ namespace tribotwin::render::program {
 namespace {
 
 int execute(const FolderOptions& a, const std::string& command_line) {
-  const PageFile page(a);
+  const PageFile page(a, "campaign.yaml");
   const auto sweep = twin::or_wrong_input(twin::sweep::read_sweep(a.directory));
   return page.make(command_line, [&](const ReportOptions& options) { return make_sweep_report(sweep, options); });
 }

@@ -101,6 +101,7 @@ thead th, thead th.number { border-top: 0; color: SOFT; font-weight: 600; vertic
 td:last-child:not(.number) { min-width: 20ch; }
 td.number, th.number { text-align: right; white-space: nowrap; }
 table.wide td.number { white-space: normal; }
+td.whole, table.wide td.whole { white-space: nowrap; }
 table.wide th, table.wide td { padding: 6px 8px; }
 table.wide td:last-child:not(.number) { min-width: 0; }
 th[scope=row] { font-weight: 600; overflow-wrap: break-word; max-width: 32ch; }
@@ -271,12 +272,39 @@ bool numeric(std::string_view cell) {
           ((cell[0] == '-' || cell[0] == '+') && cell.size() > 1 && g_ascii_isdigit(cell[1])) || cell == "–");
 }
 
+/// Whether a cell stays on one line: "2026-03-15", and, where a table has not many columns, "+13.6 %" and "1.47 MJ".
+bool stays_whole(std::string_view cell, std::size_t columns) {
+  constexpr std::size_t longest = 10, many_columns = 8;
+  const auto blank = cell.find(' ');
+  const bool one_unit = blank != cell.npos && cell.find(' ', blank + 1) == cell.npos && cell.size() - blank <= 4;
+  const bool date = cell.size() == 10 && cell[4] == '-' && cell[7] == '-';
+  return cell.size() <= longest && numeric(cell) && (date || (one_unit && columns <= many_columns));
+}
+
 }  // namespace
 
 std::string base64(std::string_view bytes) {
   const std::unique_ptr<char, decltype(&g_free)> text(
       g_base64_encode(reinterpret_cast<const guchar*>(bytes.data()), bytes.size()), g_free);
   return text.get();
+}
+
+std::string without_folders(const std::string& text) {
+  static constexpr std::string_view ends = " \t\n\r'\"`";
+  std::string out;
+  for (std::size_t at = 0; at < text.size();) {
+    const bool begins = text[at] == '/' && (at == 0 || ends.find(text[at - 1]) != ends.npos);
+    const std::size_t end = std::min(text.find_first_of(ends, at), text.size());
+    if (!begins || end == at) {
+      out += text[at++];
+      continue;
+    }
+    const std::string path = text.substr(at, end - at);
+    const auto shipped = path.rfind("/mjcf/"), slash = path.rfind('/');
+    out += shipped != path.npos ? path.substr(shipped + 1) : path.substr(slash + 1);
+    at = end;
+  }
+  return out;
 }
 
 pugi::xml_node Page::add(pugi::xml_node to, const char* tag, std::string_view text, const char* kind) {
@@ -367,7 +395,9 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
       if (i == 0) {
         add_head(line, row[i]).append_attribute("scope") = "row";
       } else {
-        auto cell = add(line, "td", row[i].empty() ? "–" : row[i], kind(i));
+        std::string of = kind(i) ? kind(i) : "";
+        if (stays_whole(row[i], row.size())) of += of.empty() ? "whole" : " whole";
+        auto cell = add(line, "td", row[i].empty() ? "–" : row[i], of.empty() ? nullptr : of.c_str());
         if (many) cell.append_attribute("data-label") = printable(head[i]).c_str();
       }
   }

@@ -13,6 +13,10 @@ namespace tribotwin::render {
 /// As attributes carry bytes.
 std::string base64(std::string_view bytes);
 
+/// The text with absolute paths shortened to "mjcf/NAME" of what ships, and to names of files else: a page says nothing
+/// about the machine that made it.
+std::string without_folders(const std::string& text);
+
 class Page {
  public:
   explicit Page(std::string_view title);

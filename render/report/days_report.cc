@@ -39,7 +39,7 @@ class Writer {
     }
     base_table();
     page_.add_origin(options_.command);
-    page_.add(page_.body(), "pre", c_.resolved_yaml);
+    page_.add(page_.add_details(page_.body(), "The campaign, as it was run"), "pre", without_folders(c_.resolved_yaml));
     return page_.report({});
   }
 
@@ -313,7 +313,8 @@ class Writer {
       for (std::size_t robot = 0; robot < c_.robots; ++robot) {
         const Spread s = spread_of(c_, data_.results.days, f_, robot, p);
         row.push_back(fmt::format("{:.4g} ± {:.2g}", s.mean, s.sigma));
-        row.push_back(fmt::format("{:.4g}", day(robot, 0).base_of_robot[p]));
+        const double simulated = day(robot, 0).base_of_robot[p];  // of what cancels, rounding is left
+        row.push_back(std::abs(simulated) < 1e-12 ? "0" : fmt::format("{:.4g}", simulated));
         row.push_back(share(s.over_a_day ? s.over_days : std::nullopt));
         row.push_back(share(s.over_a_day));
       }

@@ -125,7 +125,9 @@ std::vector<double> days_of(DiagnosisData& d) {
 std::string percent(double p) { return p > 0.99 ? "> 99 %" : p < 0.01 ? "< 1 %" : fmt::format("{:.0f} %", 100 * p); }
 
 std::string severity_text(const Pattern& p, double severity) {
-  return p.unit == "1" ? fmt::format("{:.2g} %", 100 * severity) : fmt::format("{:.2g} {}", severity, p.unit);
+  if (p.unit == "1") return fmt::format("{:.2g} %", 100 * severity);
+  if (p.unit == "of torque_max") return fmt::format("{:.2g} % of the maximum torque", 100 * severity);
+  return fmt::format("{:.2g} {}", severity, p.unit);
 }
 
 constexpr std::array<std::string_view, feature_count> in_words{"Coulomb friction Fc", "standstill friction Fs",
@@ -160,7 +162,10 @@ class Writer {
 
   std::string verdict() const {
     const auto& last = d_.verdicts.back();
-    if (anomalous() == 0) return fmt::format("All {} observations are those of a healthy joint.", d_.verdicts.size());
+    if (anomalous() == 0)
+      return d_.verdicts.size() == 1
+                 ? std::string("The observation is that of a healthy joint.")
+                 : fmt::format("All {} observations are those of a healthy joint.", d_.verdicts.size());
     std::string now = ", but the latest is.";
     if (last.anomalous && last.cause)
       now = fmt::format("; the latest looks like {}, {} (confidence {}).", last.cause->meaning,
@@ -191,13 +196,18 @@ class Writer {
     o.tiles.push_back({"equivalent load, latest", fmt::format("{:.3f} ± {:.3f}", last.load.load_norm, last.load.sigma),
                        "of the maximum torque, one sigma"});
     if (const auto& m = d_.watch.margin)
-      o.tiles.push_back(
-          {m->load_norm.value > 0 ? "left to the wear threshold" : "wear threshold exceeded: left",
-           fmt::format("{:.3f}", m->load_norm.value),
-           fmt::format("95 %: {:.3f} … {:.3f} of the maximum torque", m->load_norm.low, m->load_norm.high)});
+      o.tiles.push_back({m->load_norm.value > 0 ? "left to the wear threshold" : "beyond the wear threshold",
+                         fmt::format("{:.3f}", std::abs(m->load_norm.value)), margin_interval(*m)});
     else
       o.tiles.push_back({"wear threshold", fmt::format("{:.3f}", last.load.threshold), "in equivalent load"});
     return o;
+  }
+
+  /// Of what is left to the wear threshold, or of how far it is exceeded.
+  static std::string margin_interval(const Margin& m) {
+    const auto& left = m.load_norm;
+    const auto [low, high] = left.value > 0 ? std::pair{left.low, left.high} : std::pair{-left.high, -left.low};
+    return fmt::format("95 %: {:.3f} … {:.3f} of the maximum torque", low, high);
   }
 
   /// Friction of the latest curve against that of a healthy joint at the same temperature and speeds.
@@ -238,8 +248,10 @@ class Writer {
       if (d_.verdicts[i].anomalous) page_.add(to, "p", fmt::format("{}. {}", i + 1, d_.verdicts[i].sentence));
     if (anomalous() < d_.verdicts.size())
       page_.add(to, "p",
-                fmt::format("{} observation(s): contact surfaces and lubricant are healthy.",
-                            d_.verdicts.size() - anomalous()),
+                fmt::format("Contact surfaces and lubricant of {} are healthy.",
+                            d_.verdicts.size() - anomalous() == 1
+                                ? std::string("one observation")
+                                : fmt::format("{} observations", d_.verdicts.size() - anomalous())),
                 "soft");
     std::vector<std::vector<std::string>> rows;
     for (std::size_t i = 0; i < d_.verdicts.size(); ++i) {
@@ -319,10 +331,10 @@ class Writer {
       if (v.cause && (changed || !agrees)) (agrees ? pro : contra).push_back(name);
       rows.push_back({name, change_of(i, found[i]), "± " + change_of(i, reach).substr(1),
                       v.cause ? change_of(i, expected[i]) : "–",
-                      !v.cause  ? (changed ? "changed" : "as learned")
+                      !v.cause  ? (changed ? "changed" : "unchanged")
                       : !agrees ? "against"
                       : changed ? "for"
-                                : "as learned, as it would be"});
+                                : "unchanged, as it would be"});
     }
     if (v.cause)
       page_.add(to, "p",
@@ -488,11 +500,11 @@ class Writer {
         w.first_alarm ? fmt::format("Observation {} raises the first alarm.", *w.first_alarm + 1) : "No alarm.";
     if (w.margin) {
       const auto& m = *w.margin;
-      said += fmt::format(
-          " Left to the wear threshold, by a straight line through the equivalent loads: {:.3f} (95 %: {:.3f} … "
-          "{:.3f}) of the maximum torque",
-          m.load_norm.value, m.load_norm.low, m.load_norm.high);
-      said += m.observations
+      const bool left = m.load_norm.value > 0;
+      said += fmt::format(" By a straight line through the equivalent loads {:.3f} {} the wear threshold ({})",
+                          std::abs(m.load_norm.value), left ? "are left to" : "beyond", margin_interval(m));
+      said += !left ? "."
+              : m.observations
                   ? fmt::format("; at this rate {:.0f} more observations (95 %: {:.0f} … {}).", *m.observations,
                                 m.earliest.value_or(0), m.latest ? fmt::format("{:.0f}", *m.latest) : "never")
                   : "; it does not shrink.";

@@ -439,8 +439,8 @@ class Writer {
   void origin() {
     auto to = page_.body();
     page_.add_origin(options_.command);
-    page_.add(to, "p", fmt::format("{}, as it was read:", fit_.file.filename().string()));
-    page_.add(to, "pre", fit_.text);
+    auto text = page_.add_details(to, fmt::format("{}, as it was read", fit_.file.filename().string()));
+    page_.add(text, "pre", without_folders(fit_.text));
   }
 
   const FitData& fit_;

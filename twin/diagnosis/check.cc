@@ -64,7 +64,7 @@ std::string sentence_of(const HealthyState& h, const Observation& o, const Verdi
   for (std::size_t r = 0; r < regions.size(); ++r)
     if (v.region[r].anomalous)
       what.push_back(
-          fmt::format("{} (distance {:.3g}, limit {:.3g})", regions[r].of, v.region[r].statistic, v.region[r].limit));
+          fmt::format("{} (T^2 {:.3g}, limit {:.3g})", regions[r].of, v.region[r].statistic, v.region[r].limit));
   for (std::size_t k = 0; k < indicator_count; ++k)
     if (v.indicators[k] && v.indicators[k]->anomalous)
       what.push_back(

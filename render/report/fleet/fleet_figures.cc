@@ -137,6 +137,13 @@ std::optional<Drawing> cusum_over_days(const Detail& d, std::int64_t end_s, std:
   return Drawing{std::move(f), std::move(caption)};
 }
 
+namespace {
+const Listed* listed_as(const FleetData& data, std::int64_t joint) {
+  const auto l = std::ranges::find(data.listed, joint, [](const auto& e) { return e.listed.joint.id; });
+  return l == data.listed.end() ? nullptr : &l->listed;
+}
+}  // namespace
+
 std::optional<Drawing> plant_map(const FleetData& data) {
   const auto& joints = data.overview.joints;
   std::vector<std::string> columns;
@@ -172,13 +179,15 @@ std::optional<Drawing> plant_map(const FleetData& data) {
     for (std::size_t c = 0; c < columns.size(); ++c) {
       const auto found = entry.second->joints.find(columns[c]);
       const bool there = found != entry.second->joints.end() && found->second->change;
-      values.push_back(there ? std::round(1000 * *found->second->change) / 10 + 0.0
-                             : std::numeric_limits<double>::quiet_NaN());
+      const Listed* listed = there ? listed_as(data, found->second->joint.id) : nullptr;
+      // Of a listed joint the estimate that its row has, which weighs curves by their errors.
+      const double change = listed  ? listed->finding.friction_change
+                            : there ? *found->second->change
+                                    : std::numeric_limits<double>::quiet_NaN();
+      values.push_back(std::round(1000 * change) / 10 + 0.0);
       any |= there;
       if (there) largest = std::max(largest, std::abs(values.back()));
-      if (found != entry.second->joints.end() &&
-          std::ranges::any_of(data.listed, [&](const auto& l) { return l.listed.joint.id == found->second->joint.id; }))
-        map.marked.push_back({map.rows.size() - 1, c});
+      if (listed) map.marked.push_back({map.rows.size() - 1, c});
     }
   }
   if (!any) return {};

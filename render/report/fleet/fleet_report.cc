@@ -70,7 +70,8 @@ class Writer {
     if (f.pattern == "unknown") return "of unknown cause";
     std::string pattern(f.pattern);
     std::ranges::replace(pattern, '_', ' ');
-    return fmt::format("looks like {} (confidence {:.2f})", pattern, f.confidence);
+    return fmt::format("looks like {} (confidence {})", pattern,
+                       f.confidence > 0.99 ? "> 99 %" : fmt::format("{:.0f} %", 100 * f.confidence));
   }
   /// As a sentence.
   static std::string sentence(std::string_view text) {
@@ -89,29 +90,53 @@ class Writer {
       const auto& f = l.finding;
       text = fmt::format("{} of {} {} a look: ", d_.listed.size(), joints_text(judged()),
                          d_.listed.size() == 1 ? "needs" : "need");
-      text += fmt::format("{}{}, friction {:+.1f} %, {}, q {}", d_.listed.size() > 1 ? "first " : "", name_of(l),
-                          100 * f.friction_change, cause_of(f), q_text(l.q));
+      text += fmt::format("{}{}, friction {:+.1f} %, {}", d_.listed.size() > 1 ? "first " : "", name_of(l),
+                          100 * f.friction_change, cause_of(f));
       if (l.since_s) text += ", since " + twin::date_of(*l.since_s);
     }
-    text += fmt::format(". False-discovery rate {}", percent_of(rate()));
-    if (const std::size_t check = o_.check.listed.size(), watch = o_.watch.listed.size(); check + watch > 0)
-      text += fmt::format(" of each list (check {}, watch {}): of them {}", check, watch,
-                          healthy_among(check + watch, rate()));
     text += ".";
     if (const auto n = without_verdict())
       text += fmt::format(" {} {} no verdict.", joints_text(n), n == 1 ? "has" : "have");
     return text;
   }
 
+  std::string rule() const {
+    std::string text = fmt::format("red when a joint is listed, amber when one has no verdict. False-discovery rate {}",
+                                   percent_of(rate()));
+    if (const std::size_t check = o_.check.listed.size(), watch = o_.watch.listed.size(); check + watch > 0)
+      text += fmt::format(" of each list (check {}, watch {}): of them {}", check, watch,
+                          healthy_among(check + watch, rate()));
+    return text + ".";
+  }
+
+  std::string action() const {
+    if (!d_.listed.empty()) {
+      const auto& l = d_.listed.front().listed;
+      return fmt::format("{}: {}.", name_of(l), l.finding.advice);
+    }
+    return without_verdict() ? "measure or learn the joints without verdict; the others need nothing."
+                             : "nothing; check again when there are new curves.";
+  }
+
+  std::string days_text() const {
+    const double days = d_.options.survey.days;
+    return days == 1 ? std::string("day") : fmt::format("{:g} days", days);
+  }
+  std::string these_days() const { return (d_.options.survey.days == 1 ? "this " : "these ") + days_text(); }
+
   void head() {
     auto to = page_.body();
     page_.add(to, "h1", title());
-    page_.add(to, "p", verdict(), "verdict").append_attribute("id") = "verdict";
-    page_.add(to, "p",
-              fmt::format("The {:g} days to {}; {} of {} robots. tribotwin {}.", d_.options.survey.days,
-                          twin::date_of(o_.check.time_s), joints_text(o_.joints.size()), robots(),
-                          twin::program::version_number()),
-              "soft");
+    page_.open({.verdict = verdict(),
+                .light = !d_.listed.empty()  ? Light::red
+                         : without_verdict() ? Light::amber
+                                             : Light::green,
+                .rule = rule(),
+                .tiles = tiles(),
+                .action = action(),
+                .identity = {fmt::format("the {} to {}", days_text(), twin::date_of(o_.check.time_s)),
+                             fmt::format("{} of {} robots", joints_text(o_.joints.size()), robots()),
+                             "tribotwin " + twin::program::version_number()}});
     const auto box_of = [&] { return page_.add(page_.body(), "div", {}, "notice"); };
     std::optional<pugi::xml_node> box;
     const auto say = [&](const std::string& text) {
@@ -124,19 +149,18 @@ class Writer {
     if (o_.check.without_temperature)
       say(fmt::format("{} without verdict: curves without temperature_degC.",
                       joints_text(o_.check.without_temperature)));
-    if (silent())
-      say(fmt::format("{} without verdict: no curve in these {:g} days.", joints_text(silent()),
-                      d_.options.survey.days));
-    auto tiles = page_.add(to, "div", {}, "tiles");
-    page_.tile(tiles, "judged", fmt::format("{}", o_.check.judged),
-               fmt::format("of {}", joints_text(o_.joints.size())));
-    page_.tile(tiles, "listed", fmt::format("{}", d_.listed.size()),
-               fmt::format("{} by check, {} by watch", o_.check.listed.size(), o_.watch.listed.size()),
-               d_.listed.empty() ? "good" : "bad");
-    page_.tile(tiles, "without verdict", fmt::format("{}", without_verdict()), "", without_verdict() ? "bad" : "good");
+    if (silent()) say(fmt::format("{} without verdict: no curve in {}.", joints_text(silent()), these_days()));
+  }
+
+  std::vector<Tile> tiles() const {
     std::size_t imported = 0;
     for (const auto& file : o_.files) imported += file.curves;
-    page_.tile(tiles, "curves", fmt::format("{}", imported), fmt::format("of these {:g} days", d_.options.survey.days));
+    return {{"judged", fmt::format("{}", o_.check.judged), fmt::format("of {}", joints_text(o_.joints.size()))},
+            {"listed", fmt::format("{}", d_.listed.size()),
+             fmt::format("{} by check, {} by watch", o_.check.listed.size(), o_.watch.listed.size()),
+             d_.listed.empty() ? "good" : "bad"},
+            {"without verdict", fmt::format("{}", without_verdict()), "", without_verdict() ? "bad" : "good"},
+            {"curves", fmt::format("{}", imported), "of " + these_days()}};
   }
 
   void list() {
@@ -168,13 +192,13 @@ class Writer {
     page_.add(
         to, "p",
         fmt::format(
-            "check judges the mean of the last {:g} days, watch small lasting changes since learning (CUSUM). Each "
+            "check judges the mean of the last {}, watch small lasting changes since learning (CUSUM). Each "
             "list by itself is made at the false-discovery rate of {}; q is the rate at which a joint would just be "
             "listed. "
             "Margin: "
             "what is left to the wear threshold, in equivalent load over the maximum torque; below 0 it is exceeded. "
             "Ranked by severity or the used share of the margin, whichever is larger.",
-            d_.options.survey.days, percent_of(rate())),
+            days_text(), percent_of(rate())),
         "soft");
   }
 
@@ -213,7 +237,7 @@ class Writer {
 
   void curves() {
     auto to = page_.body();
-    page_.add(to, "h2", fmt::format("Curves of these {:g} days", d_.options.survey.days));
+    page_.add(to, "h2", "Curves of " + these_days());
     if (o_.files.empty()) {
       page_.add(to, "p", "There are none.");
       return;

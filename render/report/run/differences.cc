@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
 
+#include <tribotwin/render/page/page.hpp>
 #include <tribotwin/render/report/run/differences.hpp>
 #include <tribotwin/render/report/run/run_summary.hpp>
 

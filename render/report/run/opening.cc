@@ -27,6 +27,12 @@ std::string energy(double joule) {
   return shown(joule / size, fmt::format("{{:.3g}} {}", unit).c_str());
 }
 
+/// A motor that is off, or carries nothing, does no work that friction could have a share of.
+std::string of_motor_work(double joule, double motor_joule) {
+  if (std::abs(motor_joule) <= 1e-9 * std::abs(joule)) return "without work of the motors";
+  return fmt::format("{:.3g} % of {} motor work", 100 * joule / motor_joule, energy(motor_joule));
+}
+
 struct Change {
   std::string what, unit;
   double from, to;
@@ -52,7 +58,7 @@ std::string sentence(const RunData& run, const std::vector<JointSummary>& joints
     const double work = number(run.summary, {"friction_work_J"}), motor = number(run.summary, {"motor_work_J"});
     return "No joint warms by more than 1 K" +
            (std::isfinite(work + motor)
-                ? fmt::format("; friction takes {} of {} motor work.", energy(work), energy(motor))
+                ? fmt::format("; friction takes {}, {}.", energy(work), of_motor_work(work, motor))
                 : std::string("."));
   }
   const auto warms = fmt::format("{} warms from {:.1f} to {:.1f} °C", hot->name, hot->start_degC, hot->end_degC);
@@ -93,8 +99,7 @@ std::vector<Tile> tiles_of(const RunData& run, const std::vector<JointSummary>& 
                      fmt::format("{:+.1f} K, at most {:.1f} °C", hot->end_degC - hot->start_degC, hot->max_degC)});
   if (const double work = number(run.summary, {"friction_work_J"}), motor = number(run.summary, {"motor_work_J"});
       std::isfinite(work + motor))
-    tiles.push_back(
-        {"friction loss", energy(work), fmt::format("{:.3g} % of {} motor work", 100 * work / motor, energy(motor))});
+    tiles.push_back({"friction loss", energy(work), of_motor_work(work, motor)});
   if (const double mae = number(run.summary, {"comparison", "mae_mrad"}); std::isfinite(mae))
     tiles.push_back({"error against the recording", fmt::format("{:.1f} mrad", mae),
                      fmt::format("native friction: {} mrad",
@@ -199,11 +204,25 @@ std::vector<Tile> tiles_of(const Runs& runs, const FrictionChange* most) {
   return tiles;
 }
 
+/// ", but friction work falls by 4.1 % in hotter": root mean squares may stay where power does not.
+std::string changed_work(const Runs& runs) {
+  const double first = number(runs.all.front()->summary, {"friction_work_J"});
+  double share = 0;
+  std::string where;
+  for (const auto& run : runs.all)
+    if (const double change = number(run->summary, {"friction_work_J"}) / first - 1;
+        std::isfinite(change) && std::abs(change) > std::max(resolved_share, std::abs(share)))
+      share = change, where = runs.label(*run);
+  if (where.empty()) return {};
+  return fmt::format(", but friction work {} by {:.1f} % in {}", share < 0 ? "falls" : "rises", 100 * std::abs(share),
+                     where);
+}
+
 std::string sentence(const Runs& runs, const FrictionChange* most) {
   if (!most) return "No joint moves in both runs, so that their friction cannot be compared.";
   if (std::abs(most->share()) <= resolved_share)
-    return fmt::format("No joint's friction differs by more than {:g} % from that in {}.", 100 * resolved_share,
-                       runs.label(*runs.all.front()));
+    return fmt::format("No joint's friction (RMS) differs by more than {:g} % from that in {}{}.", 100 * resolved_share,
+                       runs.label(*runs.all.front()), changed_work(runs));
   return fmt::format("{} has {} friction in {} than in {}: {:.4g} → {:.4g} {} ({}).", most->joint,
                      most->share() > 0 ? "more" : "less", runs.label(*runs.all[most->run]),
                      runs.label(*runs.all.front()), most->first, most->other, most->unit,

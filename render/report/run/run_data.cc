@@ -129,24 +129,6 @@ std::string RunData::date() const {
   return said.size() >= 16 ? said.substr(0, 10) + " " + said.substr(11, 5) + " UTC" : said;
 }
 
-std::string without_folders(const std::string& text) {
-  static constexpr std::string_view ends = " \t\n\r'\"`";
-  std::string out;
-  for (std::size_t at = 0; at < text.size();) {
-    const bool begins = text[at] == '/' && (at == 0 || ends.find(text[at - 1]) != ends.npos);
-    const std::size_t end = std::min(text.find_first_of(ends, at), text.size());
-    if (!begins || end == at) {
-      out += text[at++];
-      continue;
-    }
-    const std::string path = text.substr(at, end - at);
-    const auto shipped = path.rfind("/mjcf/"), slash = path.rfind('/');
-    out += shipped != path.npos ? path.substr(shipped + 1) : path.substr(slash + 1);
-    at = end;
-  }
-  return out;
-}
-
 std::string shown_folder(const fs::path& directory) {
   const fs::path plain = (directory / "").parent_path();
   return plain.is_absolute() ? plain.filename().string() : plain.string();

@@ -29,9 +29,6 @@ struct JointHistory {
   bool moved = false;          ///< faster than a creep: 1e-3 rad/s at the joint
 };
 
-/// The text with absolute paths shortened to "mjcf/NAME" of what ships, and to names of files else: a page says nothing
-/// about the machine that made it.
-std::string without_folders(const std::string& text);
 /// The folder, without those above it where it was named absolutely.
 std::string shown_folder(const std::filesystem::path& directory);
 

@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <regex>
 #include <utility>
 
 #include <fmt/format.h>
@@ -45,6 +47,53 @@ std::string unit_in(std::string_view expression) {
     if (dot == expression.npos) return {};
     expression = expression.substr(0, dot);
   }
+}
+
+namespace {
+/// "temperature" of "temperature_degC"; empty where there is no word.
+std::string quantity_in_words(const std::string& name) {
+  static const std::map<std::string, std::string> words{{"heat_J", "friction heat"},
+                                                        {"friction_work_J", "friction work"},
+                                                        {"motor_work_J", "motor work"},
+                                                        {"temperature_degC", "temperature"},
+                                                        {"cycle_temperature_degC", "temperature"},
+                                                        {"friction_nm", "friction"},
+                                                        {"load_norm", "load"},
+                                                        {"velocity_rad_s", "speed"},
+                                                        {"motor_torque_nm", "motor torque"},
+                                                        {"cycle_friction_power_W", "friction power"}};
+  const auto found = words.find(name);
+  return found == words.end() ? "" : found->second;
+}
+
+/// "maximum" of "max"; empty for what is no figure of all samples.
+std::string figure_in_words(const std::string& name) {
+  static const std::map<std::string, std::string> words{
+      {"max", "maximum"}, {"min", "minimum"}, {"max_abs", "largest"}, {"mean", "mean"}, {"rms", "RMS"}};
+  const auto found = words.find(name);
+  return found == words.end() ? "" : found->second;
+}
+}  // namespace
+
+std::string in_words(const std::string& expression) {
+  if (auto whole = quantity_in_words(expression); !whole.empty()) return whole;
+  static const std::regex of_summary(R"(joints\.([^.]+)\.(\w+)(?:\.(start|end|max|rms))?)"),
+      of_record(R"((max|min|max_abs|mean|rms|time_above|time_below)\(([^.]+)\.(\w+)(?:, *([^)]+))?\))");
+  std::smatch part;
+  const bool summary = std::regex_match(expression, part, of_summary);
+  if (!summary && !std::regex_match(expression, part, of_record)) return expression;
+  const std::string joint = part[summary ? 1 : 2], name = part[summary ? 2 : 3], figure = part[summary ? 3 : 1],
+                    quantity = quantity_in_words(name), word = figure_in_words(figure);
+  if (quantity.empty()) return expression;
+  if (!word.empty()) return fmt::format("{} {} of {}", word, quantity, joint);
+  if (summary)
+    return fmt::format("{} of {}{}", quantity, joint,
+                       figure == "end"     ? " at the end"
+                       : figure == "start" ? " at the beginning"
+                                           : "");
+  const std::string unit = unit_in(name);
+  return fmt::format("time with {} of {} {} {}{}", quantity, joint, figure == "time_above" ? "above" : "below",
+                     part[4].str(), unit.empty() || unit == "-" ? "" : " " + unit);
 }
 
 std::string unit_of_key(std::string_view key) {

@@ -13,6 +13,8 @@ namespace tribotwin::render {
 
 /// "°C" of "joints.joint2.temperature_degC.end", "s" of "time_above(...)"; empty where the name has no unit.
 std::string unit_in(std::string_view expression);
+/// "maximum temperature of joint2" of "max(joint2.temperature_degC)"; the expression where there are no words for it.
+std::string in_words(const std::string& expression);
 /// Of a key of the scenario; of a law's parameter where all laws that have it agree.
 std::string unit_of_key(std::string_view key);
 

@@ -40,8 +40,8 @@ class Writer {
     reasons("warned", "Runs with warnings", "Checks that warn");
     notes();
     page_.add_origin(options_.command);
-    page_.add(page_.body(), "p", "The sweep, as its folder has it:");
-    page_.add(page_.body(), "pre", sweep_.campaign);
+    page_.add(page_.add_details(page_.body(), "The sweep, as its folder has it"), "pre",
+              without_folders(sweep_.campaign));
     return page_.report(said_);
   }
 
@@ -79,9 +79,10 @@ class Writer {
     const auto& s = view_.statistics(*first);
     const std::size_t values = s["count"].get<std::size_t>();
     const double low = number_in(s["min"]), high = number_in(s["max"]);
-    if (low == high) return text + fmt::format("{} is {} in all {}.", q.name, q.with_unit(low), runs_text(values));
+    if (low == high)
+      return text + fmt::format("{} is {} in all {}.", words(*first), q.with_unit(low), runs_text(values));
     text +=
-        fmt::format("{} is {} on average over {} and lies between {} and {}", q.name, q.estimated(s["mean"]),
+        fmt::format("{} is {} on average over {} and lies between {} and {}", words(*first), q.estimated(s["mean"]),
                     sweep_.indices ? fmt::format("the {} that are independent", runs_text(values)) : runs_text(values),
                     q.number(low, high - low), q.with_unit(high, high - low));
     return text + strongest(*first) + trouble();
@@ -108,6 +109,12 @@ class Writer {
     return text;
   }
 
+  /// The output as people call it: by the name in the plan, else in words.
+  std::string words(std::size_t output) const {
+    const std::string& name = view_.quantities[output].name;
+    return name == sweep_.outputs[output].expression ? in_words(name) : name;
+  }
+
   std::optional<std::size_t> first_with_values() const {
     for (std::size_t o = 0; o < sweep_.outputs.size(); ++o)
       if (view_.has_values(o)) return o;
@@ -115,24 +122,46 @@ class Writer {
   }
 
   void head() {
-    auto to = page_.body();
-    page_.add(to, "h1", title());
-    if (!sweep_.description.empty()) page_.add(to, "p", sweep_.description, "soft");
-    page_.add(to, "p", verdict(), "verdict").append_attribute("id") = "verdict";
-    page_.add(to, "p",
-              fmt::format("{}. {} of {}: {}. tribotwin {}, {}.", sweep_.date, runs_text(made()),
-                          std::filesystem::path(sweep_.scenario).filename().string(), design_text(),
-                          twin::program::version_number(), sweep_.engine),
-              "soft");
+    page_.add(page_.body(), "h1", title());
+    const std::size_t failed = count("failed"), warned = count("warned");
+    page_.open({.verdict = verdict(),
+                .light = failed                       ? Light::red
+                         : warned || !sweep_.finished ? Light::amber
+                                                      : Light::green,
+                .rule = "red when runs failed, amber when runs are missing or are not what the scenario asks for.",
+                .tiles = tiles(),
+                .action = failed             ? "read below why runs failed, before figures are used."
+                          : warned           ? "read below which checks warn, before figures are used."
+                          : !sweep_.finished ? "make the other runs; how stands below."
+                                             : leading_action(),
+                .identity = {options_.robot, sweep_.date,
+                             fmt::format("{} of {}: {}", runs_text(made()),
+                                         std::filesystem::path(sweep_.scenario).filename().string(), design_text()),
+                             "tribotwin " + twin::program::version_number(), sweep_.engine}});
+    if (!sweep_.description.empty()) page_.add(page_.body(), "p", sweep_.description, "soft");
     notices();
-    auto tiles = page_.add(to, "div", {}, "tiles");
-    page_.tile(tiles, "runs", fmt::format("{} of {}", made(), sweep_.planned),
-               !sweep_.finished          ? "unfinished"
-               : made() < sweep_.planned ? "ended by a stop rule"
-                                         : "all there",
-               sweep_.finished ? nullptr : "bad");
-    page_.tile(tiles, "failed, warned", fmt::format("{}, {}", count("failed"), count("warned")),
-               "failed runs do not count in what follows", count("failed") + count("warned") ? "bad" : "good");
+  }
+
+  std::string leading_action() const {
+    const auto first = first_with_values();
+    const auto all = first ? view_.effects(*first) : std::vector<Effect>{};
+    if (all.empty()) return "nothing; the figures below show how outputs lie.";
+    const Limits limits = limits_in(all.front().value);
+    if (limits.there() && limits.low <= 0 && limits.high >= 0)
+      return "make more runs, or vary more, where the leading factor has to be known.";
+    return fmt::format("to change {}, change {} first; to predict it, know that best.", words(*first),
+                       all.front().name);
+  }
+
+  std::vector<Tile> tiles() const {
+    const std::size_t failed = count("failed"), warned = count("warned");
+    std::vector<Tile> tiles{{"runs", fmt::format("{} of {}", made(), sweep_.planned),
+                             fmt::format("{}; {} failed, {} warned",
+                                         !sweep_.finished          ? "unfinished"
+                                         : made() < sweep_.planned ? "ended by a stop rule"
+                                                                   : "all there",
+                                         failed, warned),
+                             failed + warned || !sweep_.finished ? "bad" : "good"}};
     std::size_t shown = 0;
     for (std::size_t o = 0; o < sweep_.outputs.size() && shown < tiles_of_outputs; ++o) {
       if (!view_.has_values(o)) continue;
@@ -140,11 +169,13 @@ class Writer {
       const auto& mean = view_.statistics(o)["mean"];
       const Limits limits = limits_in(mean);
       const double half = limits.there() ? (limits.high - limits.low) / 2 : 0;
-      page_.tile(tiles, "mean of " + q.name, q.with_unit(number_in(mean["value"]), half),
-                 limits.there() ? fmt::format("95 %: {} … {}", q.number(limits.low, half), q.number(limits.high, half))
-                                : "of all combinations");
+      tiles.push_back({"mean of " + words(o), q.with_unit(number_in(mean["value"]), half),
+                       limits.there()
+                           ? fmt::format("95 %: {} … {}", q.number(limits.low, half), q.number(limits.high, half))
+                           : "of all combinations"});
       ++shown;
     }
+    return tiles;
   }
 
   void notices() {

@@ -83,7 +83,7 @@ difference = drawn(page, "Difference of friction")
 check("their difference is drawn beside", list(difference) == ["worn − healthy"], list(difference))
 
 same = run(report, "healthy", "healthy", "-o", "same.html")
-check("a run beside itself does not differ", "No joint's friction differs by more than" in content("same.html"))
+check("a run beside itself does not differ", "No joint's friction (RMS) differs by more than" in content("same.html"))
 
 # ---- The flagship.
 r = run(report, path("healthy"), "-o", "one.html")

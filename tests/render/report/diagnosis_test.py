@@ -5,6 +5,7 @@ import json, os, re, sys
 import numpy as np
 
 from browser import Browser, opening
+import diagnosis_numbers
 import harness
 from harness import check, finish, path, work
 
@@ -150,6 +151,18 @@ check(
     (evidence, text[:3000]),
 )
 check("dated: the next test is named", "Next test: " in text and "friction curve again" in text)
+levels = np.loadtxt(path(files[-1]), delimiter=",", skiprows=1)
+diagnosis_numbers.hold(
+    harness.content("dated.html"),
+    check,
+    command=f"tribotwin-report diagnosis healthy.yaml {' '.join(files)} -o dated.html --quiet --force",
+    healthy=harness.content("healthy.yaml"),
+    seen=seen,
+    watched=json.loads(run(twin, "diagnose", "watch", "healthy.yaml", *files, "--json").stdout),
+    levels=(levels[:, 1], levels[:, 3]),
+    dates=dates,
+    reached=reached(seen),
+)
 run(report, "diagnosis", "healthy.yaml", *reversed(files), "-o", "back.html", "--quiet")
 check(
     "dated: files that go back in time have no trend, and it is said",

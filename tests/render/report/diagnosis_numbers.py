@@ -1,0 +1,157 @@
+"""Every number outside the figures of a diagnosis page, against healthy.yaml, the measured levels and what
+tribotwin diagnose check and watch say. What they do not say, healthy friction and its 95 %, is computed here."""
+import re
+
+import numpy as np
+import yaml
+
+from numbers_of_page import Numbers
+
+FEATURES = ("Fc", "Fs", "Vs", "Fv", "beta")
+WORDS = (
+    "Coulomb friction Fc",
+    "standstill friction Fs",
+    "speed Vs, below which friction rises",
+    "viscous friction Fv",
+    "its exponent beta",
+)
+REGIONS = (slice(0, 3), slice(3, 5))
+
+
+class Healthy:
+    def __init__(self, text):
+        h = yaml.safe_load(text)
+        self.count, self.distances = h["observations"], list(h["thresholds"].values())
+        self.ends = [h["temperature"][end] for end in ("low_degC", "high_degC")]
+        regions = [h["baseline"][region] for region in ("region1", "region2")]
+        self.coefficients = [np.array(r["coefficients"]) for r in regions]
+        self.covariance = [np.array(r["covariance"]) for r in regions]
+        self.together = np.array(h["baseline"]["together"])
+
+    def expected(self, o):
+        x = np.array([1, o["temperature_degC"] - np.mean(self.ends)])
+        return np.concatenate([x @ c for c in self.coefficients])
+
+    def deviation(self, o):
+        f = [o["features"][name] for name in FEATURES]
+        return np.append(np.log(f[:4]), f[4]) - self.expected(o)
+
+    def sigma_covariance(self, o):
+        """Of a healthy joint's next curve. T^2 says how exact this curve is: T^2 = d' C^-1 d / variance."""
+        d, scale = self.deviation(o), np.zeros(5)
+        for region, at, c in zip(("region1", "region2"), REGIONS, self.covariance):
+            scale[at] = np.sqrt(d[at] @ np.linalg.solve(c, d[at]) / o[region]["statistic"])
+        return scale[:, None] * self.together * scale
+
+    def friction_change(self, o, v, friction):
+        """Of the mean of the levels, and how far 95 % of healthy joints are from it, in %."""
+
+        def total(y):
+            Fc, Fs, Vs, Fv = np.exp(y[:4])
+            return np.sum(Fc + (Fs - Fc) * np.exp(-((v / Vs) ** 1.3)) + Fv * v ** y[4])
+
+        at = self.expected(o)
+        slope = np.array([(total(at + 1e-6 * e) - total(at - 1e-6 * e)) / 2e-6 for e in np.eye(5)])
+        half = 1.96 * np.sqrt(slope @ self.sigma_covariance(o) @ slope)
+        return 100 * (np.sum(friction) / total(at) - 1), 100 * half / total(at)
+
+
+def percent(p):
+    return "> 99 %" if p > 0.99 else "< 1 %" if p < 0.01 else f"{100 * p:.0f} %"
+
+
+def margin_text(m):
+    """The tile and the sentence on what is left to the wear threshold; the interval turns with the sign."""
+    left = m["load_norm"]
+    beyond = left["value"] <= 0
+    low, high = (-left["high"], -left["low"]) if beyond else (left["low"], left["high"])
+    interval = f"95 %: {low:.3f} … {high:.3f} of the maximum torque"
+    name = "beyond the wear threshold" if beyond else "left to the wear threshold"
+    said = f"{abs(left['value']):.3f} {'beyond' if beyond else 'are left to'} the wear threshold ({interval})"
+    return f"{name}\n{abs(left['value']):.3f}\n{interval}\n", said
+
+
+def near(shown, true, half_digit):
+    return abs(float(shown) - true) <= half_digit * 1.02
+
+
+def take_evidence(n, h, o):
+    """The table of what speaks for the cause. The column of the cause itself is 0 for features it leaves alone."""
+    found, reach = h.deviation(o), 1.96 * np.sqrt(np.diag(h.sigma_covariance(o)))
+    s = o["severity"]
+    moved = {"wear": np.log1p([s, s, s, 0, 0])}[o["pattern"]]
+    relative = lambda x: 100 * np.expm1(x)
+    for i, word in enumerate(WORDS):
+        unit, show, digit = (" %", relative, 0.05) if i < 4 else ("", float, 0.0005)
+        number = r"([+-][\d.]+)" + unit
+        row = rf"\n{word}\n{number}\n± ([\d.]+){unit}\n{number}\n[^\n]*\n"
+        true = [show(found[i]), show(reach[i]), show(moved[i])]
+        n.match("evidence: " + word, row, lambda a, b, c: all(near(x, t, digit) for x, t in zip((a, b, c), true)))
+
+
+def hold(page, check, command, healthy, seen, watched, levels, dates, reached):
+    """`seen`: observations of `check --json`, in order. `watched`: `watch --json` of the same. `levels`: speed and
+    friction of the latest curve. `dates`: of the files. `reached`: when a line is at the wear threshold."""
+    n, h, last = Numbers(page, check), Healthy(healthy), seen[-1]
+    bad = [o for o in seen if o["anomalous"]]
+    n.take("healthy.yaml", healthy)
+    n.take("the command", command)
+    n.match("identity", r"data of \d{4}-\d\d-\d\d · tribotwin ([\d.]+) · MuJoCo [\d.]+\n", lambda v: True)
+    change, half = h.friction_change(last, *levels)
+    n.match(
+        "friction, latest",
+        r"([+-][\d.]+) %\nmean of its levels; 95 % of healthy joints lie within ± ([\d.]+) %",
+        lambda a, b: near(a, change, 0.05) and near(b, half, 0.05),
+    )
+    n.take("anomalous", f"{len(bad)} of {len(seen)}\nobservations\n")
+    much = f"{100 * last['severity']:.2g} % (confidence {percent(last['confidence'])})"
+    n.take("the cause", f"; the latest looks like worn contact surfaces, {much}.", f"worn contact surfaces, {much}.")
+    n.take("verdict", f"{len(bad)} of {len(seen)} observations are not those of a healthy joint")
+    n.take("equivalent load", f"{last['equivalent_load']:.3f} ± {last['equivalent_load_sigma']:.3f}\n")
+    tile, said = margin_text(watched["margin"])
+    n.take("margin", tile, said)
+    n.take(
+        "compared with",
+        f"a healthy state of {h.count} unloaded curves, {h.ends[0]:.0f} to {h.ends[1]:.0f} °C; 4.55 % of healthy",
+    )
+    n.take("sentences", *(f"{i + 1}. {o['sentence']}" for i, o in enumerate(seen) if o["anomalous"]))
+    if len(seen) - len(bad) > 1:
+        n.take("healthy ones", f"Contact surfaces and lubricant of {len(seen) - len(bad)} observations are healthy.")
+    state = lambda o, region: "anomalous" if o[region]["anomalous"] else "healthy"
+    yes = lambda o, region: "yes" if o[region]["anomalous"] else "no"
+    for i, o in enumerate(seen):
+        cells = [str(i + 1), dates[i], f"{o['temperature_degC']:.1f}"]
+        row = cells + [state(o, "region1"), state(o, "region2"), o["pattern"], percent(o["confidence"])]
+        n.take(f"row {i + 1}", "\n" + "\n".join(row) + "\n")
+        row = [str(i + 1), cells[-1]]
+        for region in ("region1", "region2"):
+            row += [f"{o[region]['distance']:.3f}", f"{o[region]['statistic']:.2f}", yes(o, region)]
+        row += [f"{o['equivalent_load']:.3f}", o["pattern"], f"{o['confidence']:.2f}"]
+        n.take(f"appendix, row {i + 1}", "\n" + "\n".join(row) + "\n")
+    take_evidence(n, h, last)
+    n.take("the latest curve", f"Measured levels of observation {len(seen)} at {last['temperature_degC']:.1f} °C")
+    alarm = watched["first_alarm"]
+    n.take("alarm", f"Observation {alarm} raises the first alarm.")
+    once = round(1 / watched["false_alarm"])
+    n.take("chart", f"({watched['threshold']:.2f}) there is one false alarm in {once} healthy observations")
+    n.take(
+        "limits",
+        "its thresholds are {:g} and, for wear, {:g}".format(*h.distances),
+        "anomalous beyond {:.2f} in region 1, {:.2f} in region 2".format(
+            last["region1"]["limit"], last["region2"]["limit"]
+        ),
+    )
+    n.take(
+        "regions",
+        "The ellipsoid of region 1 seen along each of its axes, and the ellipse of region 2: filled within {:g} "
+        "standard deviations, dashed at {:g}.".format(*np.sqrt(h.distances)),
+    )
+    n.match(
+        "trend",
+        r"by the straight line since about (\d{4}-\d\d-\d\d)\.",
+        lambda day: abs((np.datetime64(day) - reached).astype(int)) <= 1,
+    )
+    # What is no measured number: shares of intervals, numbers of regions, the paper.
+    words = ("Zhou 2024 (15)", "Zhou 2024", "T² 1", "T² 2", "distance 1", "distance 2", "anomalous 1", "anomalous 2")
+    n.take("words", "where 95 % of the curves", "95 % of healthy joints", "Region 1:", "region 2:", *words)
+    n.finish("diagnosis")
