@@ -1,9 +1,13 @@
 #include <algorithm>
 #include <array>
+#include <fstream>
+#include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/input_file.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/experiments/part_store.hpp>
 #include <tribotwin/twin/experiments/unfinished_runs.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
@@ -20,6 +24,19 @@ namespace fs = std::filesystem;
 constexpr char reports[] = "reports", announced[] = "announced";
 constexpr std::array files_of_a_run{"telemetry.h5", "summary.json", "scenario.yaml"};
 
+/// A piece at a time: a recording is of any length.
+void add_file(Fingerprint& all, const fs::path& file) {
+  or_fail(check_input_file(file, "a file", limits::file_bytes, Pipes::refuse));
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream) or_fail(Result<void>(not_read(file.string())));
+  std::array<char, 1 << 16> bytes;
+  while (stream) {
+    stream.read(bytes.data(), bytes.size());
+    all.add(std::string_view(bytes.data(), static_cast<std::size_t>(stream.gcount())));
+  }
+  if (stream.bad()) or_fail(Result<void>(not_read(file.string())));
+}
+
 /// Adds the content of each file that a value names. Models have a fingerprint of their own.
 void add_files(Fingerprint& all, const YAML::Node& node) {
   if (node.IsMap() || node.IsSequence())
@@ -27,7 +44,7 @@ void add_files(Fingerprint& all, const YAML::Node& node) {
   if (!node.IsScalar() || !node.Scalar().starts_with('/') || node.Scalar().ends_with(".xml")) return;
   std::error_code error;
   if (!fs::is_regular_file(node.Scalar(), error)) return;
-  all.add(or_fail(read_bytes(node.Scalar())));
+  add_file(all, node.Scalar());
 }
 
 /// First line of what is announced.

@@ -285,9 +285,37 @@ TEST(Laws, PolynomialsInTemperatureAreCheckedBetweenTheEndsOfTheRangeToo) {
   EXPECT_EQ(moved({}), "accepted");
   // (T - 35)^2 - 0.01: fine at 20 and 50 degC, below 0 at 35.
   EXPECT_THAT(moved({{"Fv0", 1224.99}, {"FvT", -70}, {"FvTT", 1}}), HasSubstr("viscous slope and must not be below 0"));
+  // Four times as steep.
+  EXPECT_THAT(moved({{"Fv0", 4899.96}, {"FvT", -280}, {"FvTT", 4}}), HasSubstr("viscous slope"));
   EXPECT_THAT(moved({{"vs0", 0}, {"vsT", 0}, {"vsTT", 0}}), HasSubstr("Stribeck velocity"));
   EXPECT_THAT(moved({{"FsTT", -.1}}), HasSubstr("standstill level"));
   EXPECT_THAT(moved({{"Fc0", -100}}), HasSubstr("Coulomb friction"));
+}
+
+TEST(Laws, DependOnLoadAndTemperatureAsTheySay) {
+  for (const Law& law : instances(Validity::extrapolate)) {
+    const auto at = [&](double load_norm, double temperature_degC) {
+      return torque(law, 30, load_norm, temperature_degC);
+    };
+    EXPECT_EQ(at(0.1, 40) != at(0.6, 40), law.info->load_dependent) << law.info->name;
+    EXPECT_EQ(at(0.1, 25) != at(0.1, 45), law.info->temperature_dependent) << law.info->name;
+  }
+}
+
+TEST(Laws, AreScaledInBothPartsAndInSpeed) {
+  for (const Law& law : instances(Validity::extrapolate)) {
+    const Law changed = scaled(law, 1.5, 2, 0.5), faster = scaled(law, 1, 2, 1);
+    for (const double v : {0.5, 5.0, 40.0}) {
+      const auto level_of = [&](const Law& one, double speed_rad_s) {
+        return level(one, at_temperature(one, 40), speed_rad_s, 0.4);
+      };
+      const Level usual = level_of(law, v), other = level_of(changed, v);
+      const double weakening = level_of(faster, v).weakening;
+      EXPECT_NEAR(level_of(faster, 2 * v).weakening, usual.weakening, 1e-12 * usual.weakening) << law.info->name;
+      EXPECT_NEAR(other.weakening, 1.5 * weakening, 1e-12 * other.weakening) << law.info->name << " " << v;
+      EXPECT_NEAR(other.strengthening, 0.5 * usual.strengthening, 1e-12 * other.total()) << law.info->name << " " << v;
+    }
+  }
 }
 
 TEST(Batch, EqualsTheScalarLawInsideAndOutsideTheRange) {
