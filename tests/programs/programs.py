@@ -32,7 +32,8 @@ _folders = 0
 
 
 def in_parallel(function, items):
-    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+    """By day one at a time: other tests run beside this one."""
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count() if nightly else 1) as pool:
         return list(pool.map(function, items))
 
 
