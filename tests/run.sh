@@ -21,8 +21,8 @@ options=(-G Ninja -DTRIBOTWIN_BUILD_TESTS=ON -DCMAKE_COMPILE_WARNING_AS_ERROR=ON
 cmake -S . -B build/release "${options[@]}" -DCMAKE_BUILD_TYPE=Release
 cmake --build build/release
 
-# Readers of files, frames and models from elsewhere, where a mistake would touch memory. The rest, half of the libraries
-# under it, is for the night: tests/nightly.sh.
+# Readers of files, frames and models from elsewhere, where a mistake would touch memory; all others at night, by
+# tests/nightly.sh.
 sanitized=(twin_io_telemetry_telemetry_test hil_can_can_test plugins_mujoco_mujoco_test fuzz_log_line)
 # GCC 12 gives false warnings under sanitizers: no errors there.
 cmake -S . -B build/sanitized "${options[@]}" -DCMAKE_BUILD_TYPE=Sanitized -DTRIBOTWIN_BUILD_REPORTS=OFF \
