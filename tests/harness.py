@@ -1,7 +1,7 @@
 """What the Python tests share: a folder to work in, checks, programs to run, and the exit code at the end.
 
 tests/ is in PYTHONPATH (tests/CMakeLists.txt). TRIBOTWIN_KEEP=1 leaves the folder."""
-import atexit, os, shutil, subprocess, sys, tempfile, threading
+import atexit, os, shutil, socket, subprocess, sys, tempfile, threading
 
 sys.dont_write_bytecode = True
 work = os.path.realpath(tempfile.mkdtemp(prefix="tribotwin_test_"))
@@ -20,6 +20,17 @@ MPI_ENVIRONMENT = {
     "OMPI_MCA_plm": "isolated",
 }
 _lock = threading.Lock()
+
+
+def free_ports(count):
+    """Ports of loopback that nobody uses now."""
+    sockets = [socket.socket() for _ in range(count)]
+    for s in sockets:
+        s.bind(("127.0.0.1", 0))
+    ports = [s.getsockname()[1] for s in sockets]
+    for s in sockets:
+        s.close()
+    return ports
 
 
 @atexit.register

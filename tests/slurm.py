@@ -1,6 +1,8 @@
 """A Slurm of one's own: slurmctld and two slurmd on loopback, with everything in one folder, without munge, cgroups,
 systemd or accounting. It ends nothing but what it has started."""
-import glob, os, pwd, signal, socket, subprocess, time
+import glob, os, pwd, signal, subprocess, time
+
+from harness import free_ports
 
 PLUGINS = "/usr/lib/*/slurm-wlm"
 
@@ -10,16 +12,6 @@ def missing():
     names = ("slurmctld", "slurmd", "sbatch", "srun", "squeue", "scontrol")
     found = os.environ["PATH"] + ":/usr/sbin"
     return [n for n in names if not any(os.path.exists(os.path.join(f, n)) for f in found.split(":"))]
-
-
-def free_ports(count):
-    sockets = [socket.socket() for _ in range(count)]
-    for s in sockets:
-        s.bind(("127.0.0.1", 0))
-    ports = [s.getsockname()[1] for s in sockets]
-    for s in sockets:
-        s.close()
-    return ports
 
 
 def processes(variable, value):

@@ -5,14 +5,11 @@ import json, os, re, socket, statistics, subprocess, sys, tempfile, time
 
 import h5py, numpy
 
+from harness import free_ports
+
 build, minutes = os.path.abspath(sys.argv[1]), float(sys.argv[2])
 source = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 SYNCS = 10000  # of a master
-
-
-def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 def faults(file):
@@ -65,7 +62,7 @@ def turns(drives, port, record):
 
 def main():
     with tempfile.TemporaryDirectory() as work:
-        port, record = free_port(), work + "/run/telemetry.h5"
+        [port], record = free_ports(1), work + "/run/telemetry.h5"
         faults(work + "/faults.yaml")
         drives = subprocess.Popen(
             [build + "/bin/tribotwin-hil", "drive", source + "/twin/scenarios/irb6620_hold.yaml", "--quiet"]

@@ -4,12 +4,12 @@ any of them in a folder of its own, and the judgement of what it left there.
 Options: --tribotwin, --hil, --report (may be left out where it is not built), --source, --shim; --all for the long
 form, --only WORD for the commands whose name holds it, --keep to leave the folder."""
 import argparse, collections, concurrent.futures, contextlib, dataclasses, json, logging, os, re, shutil, signal
-import socket, sqlite3, subprocess, sys, threading, time
+import sqlite3, subprocess, sys, threading, time
 
 import h5py
 import numpy as np
 
-from harness import check, failures, finish, nightly, work
+from harness import check, failures, finish, free_ports, nightly, work
 from pendulum import PENDULUM
 
 parser = argparse.ArgumentParser()
@@ -422,12 +422,6 @@ def argv_of(command, over_old=False):
     return command.argument_lists() + (["--force"] if over_old and command.knows_force else [])
 
 
-def free_port():
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
-
-
 def master_of(process, port):
     """The bench's own master (tests/hil/master.py) cycles the drive until its session is over."""
     import can
@@ -453,7 +447,7 @@ def master_of(process, port):
 
 def start(argv, folder, **popen):
     """A process, with a master beside it where it is a drive on a bus."""
-    port = free_port() if any("{port}" in a for a in argv) else None
+    port = free_ports(1)[0] if any("{port}" in a for a in argv) else None
     process = subprocess.Popen([a.replace("{port}", str(port)) for a in argv], cwd=folder, **popen)
     thread = threading.Thread(target=master_of, args=(process, port)) if port else None
     if thread:
