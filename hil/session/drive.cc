@@ -100,13 +100,14 @@ class Session : SessionControl {
   }
 
   Status run() {
-    start_ns_ = now_ns_ = now_us_ns();
+    now_ns_ = now_us_ns();
     if (auto ok = open(); !ok) return ok;
     bench_.plant().watch(o_.sample);
     if (o_.realtime) become_real_time(o_.note);
     bench_.start(now_ns_);
     if (record_) keep_record(record_->end());
     pace_.start(clock_ns());
+    start_ns_ = now_us_ns();
     Status ran;
     while (ran && !finished()) ran = turn();
     return close(ran);
@@ -114,7 +115,8 @@ class Session : SessionControl {
 
  private:
   double time_s() const { return bench_.plant().twin().time_s(); }
-  double wall_s() const { return 1e-9 * static_cast<double>(now_ns_ - start_ns_); }
+  /// Since the robot's clock began: opening files and locking memory are not in it.
+  double wall_s() const { return 1e-9 * static_cast<double>(std::max<std::int64_t>(0, now_ns_ - start_ns_)); }
   bool over() const { return o_.duration_s && time_s() >= *o_.duration_s - 1e-9; }
   bool finished() const { return (o_.stop && o_.stop()) || over(); }
   void note(const std::string& what) const {

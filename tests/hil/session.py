@@ -6,17 +6,32 @@ import can
 from harness import work
 from master import Master
 
+# There a program takes two seconds to start.
+in_vm = os.environ.get("CAN_VM") == "vm"
+
 
 def hold_scenario(source):
     return os.path.join(source, "twin", "scenarios", "irb6620_hold.yaml")
 
 
 def start(hil, *arguments):
-    """A session in the background; its stderr goes to work/stderr. Killed with the test at the latest."""
-    process = subprocess.Popen([hil, *arguments], stderr=open(work + "/stderr", "a"))
+    """A session in the background that has opened its bus or has ended; its stderr goes to work/stderr. Killed with the
+    test at the latest."""
+    log = open(work + "/stderr", "a")
+    before = log.tell()
+    process = subprocess.Popen([hil, *arguments], stderr=log)
     atexit.register(process.kill)
-    time.sleep(1)
+    if "--quiet" in arguments:  # says nothing when it is there
+        time.sleep(3 if in_vm else 1)
+        return process
+    wait(lambda: " drives, node" in said()[before:] or process.poll() is not None)
     return process
+
+
+def wait(condition, seconds=30):
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.05)
 
 
 def said():
