@@ -30,6 +30,8 @@ MODES = {
         ((0x6098, 0, "b", 17), (0x6099, 1, "I", 100_000)),
     ),
 }
+# By day: in the VM each takes ten seconds, and where cycles take fifty milliseconds IP's ramp is too slow to be seen.
+LEFT_TO_SOCKETCAND = ("CST", "PV", "IP")
 
 
 def set_up(master, node, number, rpdo, entry, objects):
@@ -102,7 +104,9 @@ def main(hil, source, *where):
     for clock, modes in (((), ("CSP", "CST", "PP")), (("--realtime",), ("CSV", "PV", "IP", "HM"))):
         drives = start(hil, "drive", hold_scenario(source), "--can", where[0], "--cycle", "4", "--quiet", *clock)
         watcher = Master(connect(*where), range(1, 7))
-        for mode in modes[:: 2 if in_vm and not nightly else 1]:  # there all take minutes
+        for mode in modes:
+            if in_vm and mode in LEFT_TO_SOCKETCAND and not nightly:
+                continue
             kill_in(mode, f"{mode} {'realtime' if clock else 'lockstep'}", watcher, where)
         watcher.bus.shutdown()
         drives.terminate()
