@@ -121,9 +121,6 @@ std::vector<double> days_of(DiagnosisData& d) {
   return {};
 }
 
-/// A probability that is no certainty.
-std::string percent(double p) { return p > 0.99 ? "> 99 %" : p < 0.01 ? "< 1 %" : fmt::format("{:.0f} %", 100 * p); }
-
 std::string severity_text(const Pattern& p, double severity) {
   if (p.unit == "1") return fmt::format("{:.2g} %", 100 * severity);
   if (p.unit == "of torque_max") return fmt::format("{:.2g} % of the maximum torque", 100 * severity);
@@ -169,7 +166,7 @@ class Writer {
     std::string now = ", but the latest is.";
     if (last.anomalous && last.cause)
       now = fmt::format("; the latest looks like {}, {} (confidence {}).", last.cause->meaning,
-                        severity_text(*last.cause, last.severity), percent(last.confidence));
+                        severity_text(*last.cause, last.severity), probability_text(last.confidence));
     else if (last.anomalous)
       now = "; the latest looks like no cause that is known.";
     return fmt::format("{} of {} observations are not those of a healthy joint{}", anomalous(), d_.verdicts.size(),
@@ -226,6 +223,14 @@ class Writer {
                                  100 * sum.half_width / sum.value)});
   }
 
+  /// What `check` says, with the name of the file without its folders.
+  std::string verdict_of(std::size_t i) const {
+    const std::string& file = d_.checked[i].file;
+    const std::string& sentence = d_.verdicts[i].sentence;
+    return sentence.starts_with(file) ? std::filesystem::path(file).filename().string() + sentence.substr(file.size())
+                                      : sentence;
+  }
+
   void head() {
     auto to = page_.body();
     page_.add(to, "h1", title());
@@ -245,7 +250,7 @@ class Writer {
     }
     page_.add(to, "h2", "Verdicts");
     for (std::size_t i = 0; i < d_.verdicts.size(); ++i)
-      if (d_.verdicts[i].anomalous) page_.add(to, "p", fmt::format("{}. {}", i + 1, d_.verdicts[i].sentence));
+      if (d_.verdicts[i].anomalous) page_.add(to, "p", fmt::format("{}. {}", i + 1, verdict_of(i)));
     if (anomalous() < d_.verdicts.size())
       page_.add(to, "p",
                 fmt::format("Contact surfaces and lubricant of {} are healthy.",
@@ -257,7 +262,7 @@ class Writer {
     for (std::size_t i = 0; i < d_.verdicts.size(); ++i) {
       const auto& v = d_.verdicts[i];
       rows.push_back({fmt::format("{}", i + 1), temperature_of(d_.checked[i]), state(v.region[0].anomalous),
-                      state(v.region[1].anomalous), std::string(v.pattern), percent(v.confidence)});
+                      state(v.region[1].anomalous), std::string(v.pattern), probability_text(v.confidence)});
       if (!d_.days.empty()) rows.back().insert(rows.back().begin() + 1, date_text(d_.days[i]));
     }
     std::vector<std::string> columns{"number", "°C", "contact surfaces", "lubricant", "cause", "confidence"};
@@ -339,7 +344,8 @@ class Writer {
     if (v.cause)
       page_.add(to, "p",
                 fmt::format("It looks like {}, {} (confidence {}). For it: {}. Against it: {}.", v.cause->meaning,
-                            severity_text(*v.cause, v.severity), percent(v.confidence), listed(pro), listed(contra)));
+                            severity_text(*v.cause, v.severity), probability_text(v.confidence), listed(pro),
+                            listed(contra)));
     else
       page_.add(to, "p", "No known cause moves friction like this.");
     page_.add(to, "p", "Next test: " + next_test(v, sigma));
@@ -371,7 +377,7 @@ class Writer {
     const double slow = 3 * h_.mean(2);
     return fmt::format("{}, with more levels {} {:.3g} rad/s (motor side): {} tells it from {} ({}).", again,
                        which < 3 ? "below" : "above", slow, in_words[static_cast<std::size_t>(which)],
-                       second.pattern->meaning, percent(second.probability));
+                       second.pattern->meaning, probability_text(second.probability));
   }
 
   void other_causes(pugi::xml_node to, const Verdict& v) {
@@ -379,7 +385,7 @@ class Writer {
     for (const auto& c : v.candidates)
       if (c.pattern && c.pattern != v.cause && c.probability >= 0.01)
         rows.push_back(
-            {std::string(c.pattern->meaning), percent(c.probability), severity_text(*c.pattern, c.severity)});
+            {std::string(c.pattern->meaning), probability_text(c.probability), severity_text(*c.pattern, c.severity)});
     if (!rows.empty()) page_.add_table(to, {"other causes", "probability", "how much"}, rows);
   }
 

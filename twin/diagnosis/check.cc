@@ -73,8 +73,8 @@ std::string sentence_of(const HealthyState& h, const Observation& o, const Verdi
   if (!v.cause)
     s += "No known cause moves friction like this; repeat the test, then inspect the joint.";
   else
-    s += fmt::format("It looks like {} (confidence {:.0f} %), severity {:.2g} {}; {}.", v.cause->meaning,
-                     100 * v.confidence, v.severity, v.cause->unit == "1" ? "(relative)" : v.cause->unit,
+    s += fmt::format("It looks like {} (confidence {}), severity {:.2g} {}; {}.", v.cause->meaning,
+                     probability_text(v.confidence), v.severity, v.cause->unit == "1" ? "(relative)" : v.cause->unit,
                      v.cause->advice);
   if (v.region[0].anomalous && v.load.load_norm > 2 * v.load.sigma)
     s += fmt::format(" Its friction is that of an additional load of {}; the wear threshold, {}, is {}.",
@@ -135,6 +135,10 @@ Verdict verdict_of(const HealthyState& h, const Observation& o, const CheckOptio
 }
 
 }  // namespace
+
+std::string probability_text(double p) {
+  return p > 0.99 ? "> 99 %" : p < 0.01 ? "< 1 %" : fmt::format("{:.0f} %", 100 * p);
+}
 
 RegionVerdict judge(const HealthyState& h, const Observation& o, std::size_t which, double false_alarm) {
   const auto& r = regions[which];

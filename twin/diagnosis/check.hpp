@@ -52,6 +52,9 @@ struct CheckOptions {
   double false_alarm = two_sigma_false_alarm;  ///< per region and indicator
 };
 
+/// A probability [1] as text; none is a certainty: "> 99 %".
+std::string probability_text(double p);
+
 /// Of region 0 or 1 (observation.hpp: regions); `false_alarm` in 0 .. 1.
 RegionVerdict judge(const HealthyState& healthy, const Observation& o, std::size_t region, double false_alarm);
 /// Generalised least squares along the effect of load on Fc, Fs, Vs.

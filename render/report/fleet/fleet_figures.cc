@@ -51,12 +51,11 @@ std::string level_text(const HealthyLevel& level) {
                       : "the healthy curves of the other robots, as this one has fewer than 3";
 }
 
-std::string plant_caption(const FleetData& data, std::size_t shown, std::size_t all) {
-  std::string caption = fmt::format(
-      "Mean over the {:g} days against the joint's healthy curves at the same temperature. Framed: listed. Grey: no "
-      "curve "
-      "in these days, or no healthy state.",
-      data.options.survey.days);
+std::string plant_caption(const FleetData& data, std::size_t shown, std::size_t all, bool grey) {
+  std::string caption =
+      fmt::format("Mean over the {:g} days against the joint's healthy curves at the same temperature. Framed: listed.",
+                  data.options.survey.days);
+  if (grey) caption += " Grey: no curve in these days, or no healthy state.";
   if (all > shown)
     caption += fmt::format(
         " {} of {} robots: those with listed joints first, then those whose friction has changed most.", shown, all);
@@ -172,7 +171,7 @@ std::optional<Drawing> plant_map(const FleetData& data) {
   if (columns.size() > 12) columns.resize(12);
   HeatMap map{.columns = columns, .rows = {}, .values = {}, .decimals = 1, .signed_values = true};
   double largest = 0;
-  bool any = false;
+  bool any = false, all_there = true;
   for (const auto& entry : order) {
     map.rows.push_back(entry.first);
     auto& values = map.values.emplace_back();
@@ -185,7 +184,7 @@ std::optional<Drawing> plant_map(const FleetData& data) {
                             : there ? *found->second->change
                                     : std::numeric_limits<double>::quiet_NaN();
       values.push_back(std::round(1000 * change) / 10 + 0.0);
-      any |= there;
+      any |= there, all_there &= there;
       if (there) largest = std::max(largest, std::abs(values.back()));
       if (listed) map.marked.push_back({map.rows.size() - 1, c});
     }
@@ -197,7 +196,7 @@ std::optional<Drawing> plant_map(const FleetData& data) {
            .y = {.quantity = "robot", .unit = ""},
            .colour = Axis{.quantity = "change of Fc", .unit = "%", .from = -limit, .to = limit}};
   f.heat_map = std::move(map);
-  return Drawing{std::move(f), plant_caption(data, order.size(), all)};
+  return Drawing{std::move(f), plant_caption(data, order.size(), all, !all_there)};
 }
 
 }  // namespace tribotwin::render

@@ -8,6 +8,7 @@
 
 #include <tribotwin/render/report/fleet/fleet_figures.hpp>
 #include <tribotwin/render/report/fleet/fleet_report.hpp>
+#include <tribotwin/twin/diagnosis/check.hpp>
 #include <tribotwin/twin/diagnosis/fleet/level_curve.hpp>
 #include <tribotwin/twin/io/command_line/version.hpp>
 #include <tribotwin/twin/io/input.hpp>
@@ -70,8 +71,7 @@ class Writer {
     if (f.pattern == "unknown") return "of unknown cause";
     std::string pattern(f.pattern);
     std::ranges::replace(pattern, '_', ' ');
-    return fmt::format("looks like {} (confidence {})", pattern,
-                       f.confidence > 0.99 ? "> 99 %" : fmt::format("{:.0f} %", 100 * f.confidence));
+    return fmt::format("looks like {} (confidence {})", pattern, twin::diagnosis::probability_text(f.confidence));
   }
   /// As a sentence.
   static std::string sentence(std::string_view text) {

@@ -80,9 +80,9 @@ class Writer {
     const std::size_t values = s["count"].get<std::size_t>();
     const double low = number_in(s["min"]), high = number_in(s["max"]);
     if (low == high)
-      return text + fmt::format("{} is {} in all {}.", words(*first), q.with_unit(low), runs_text(values));
+      return text + fmt::format("In all {} {} is {}.", runs_text(values), words(*first), q.with_unit(low));
     text +=
-        fmt::format("{} is {} on average over {} and lies between {} and {}", words(*first), q.estimated(s["mean"]),
+        fmt::format("The mean of {} is {} over {}, which lie between {} and {}", words(*first), q.estimated(s["mean"]),
                     sweep_.indices ? fmt::format("the {} that are independent", runs_text(values)) : runs_text(values),
                     q.number(low, high - low), q.with_unit(high, high - low));
     return text + strongest(*first) + trouble();
