@@ -5,11 +5,13 @@
 #include <tribotwin/twin/robot/arm.hpp>
 
 namespace tribotwin::hil {
+
 Expectation::Expectation(const twin::Scenario& scenario)
     : model_(*scenario.model), data_(model_.make_data()), drives_(model_.drives().size()) {
   for (std::size_t i = 0; i < drives_.size(); ++i) {
     const auto& thermal = model_.drives()[i].drive.thermal;
     drives_[i].rise = thermal::steady_rise(thermal, scenario.temperature_degC[i] - thermal.T_amb_degC);
+    drives_[i].winding.rise_K = drives_[i].rise.total_K();
     drives_[i].ambient_offset_K = scenario.ambient_degC ? *scenario.ambient_degC - thermal.T_amb_degC : 0;
   }
 }
@@ -49,8 +51,22 @@ void Expectation::expect(std::size_t i, double dt_s) {
   };
   drive.low_nm = (slides ? std::copysign(friction, speed) : -held(-1)) + b.drive.offset_nm;
   drive.high_nm = (slides ? std::copysign(friction, speed) : held(1)) + b.drive.offset_nm;
-  thermal::step(b.drive.thermal, thermal::decay(b.drive.thermal, dt_s), slides ? friction * std::abs(speed) : 0,
-                drive.ambient_offset_K, drive.rise);
+  const double power_W = (slides ? friction * std::abs(speed) : 0) + heat_winding(i, dt_s);
+  thermal::step(b.drive.thermal, thermal::decay(b.drive.thermal, dt_s), power_W, drive.ambient_offset_K, drive.rise);
+}
+
+double Expectation::heat_winding(std::size_t i, double dt_s) {
+  const auto& of = model_.drives()[i].drive;
+  if (!of.winding.present()) return 0;
+  Drive& drive = drives_[i];
+  const double winding_degC = of.thermal.T_amb_degC + drive.winding.rise_K,
+               share = of.winding.torque_share(winding_degC);
+  for (double* torque_nm : {&drive.rigid_nm, &drive.low_nm, &drive.high_nm}) *torque_nm /= share;
+  const double torque_nm = drive.rigid_nm + (drive.low_nm + drive.high_nm) / 2;
+  if (dt_s == 0) return 0;
+  return thermal::step(of.winding, winding_degC, torque_nm / of.torque_per_current_nm_A(), drive.rise.total_K(), dt_s,
+                       drive.winding)
+      .to_gear_W;
 }
 
 }  // namespace tribotwin::hil

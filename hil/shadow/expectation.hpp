@@ -9,7 +9,9 @@
 namespace tribotwin::hil {
 
 /// The torques that the drives should have for a measured motion: rigid-body dynamics for the gear torques, the law for
-/// friction, its heat for the temperature.
+/// friction, its heat for the temperature. A winding adds its heat, and the torques are then those by the current,
+/// which are more than those delivered while magnets are warm. Its current is that of the expected torque; while a
+/// joint stands, that of the load alone.
 class Expectation {
  public:
   explicit Expectation(const twin::Scenario& scenario);
@@ -27,9 +29,12 @@ class Expectation {
  private:
   struct Drive {
     thermal::Rise rise;
+    thermal::WindingState winding;
     double ambient_offset_K = 0, rigid_nm = 0, low_nm = 0, high_nm = 0;
   };
   void expect(std::size_t drive, double dt_s);
+  /// Advances the winding and puts the torques as its current tells them; returns the power to the gear [W].
+  double heat_winding(std::size_t drive, double dt_s);
 
   const mujoco::Model& model_;
   mujoco::DataPtr data_;

@@ -48,8 +48,11 @@ class DcPosition final : public Servo {
       const double wanted = duty(o, set_points[i].position_rad - d->qpos[position_address(m, drive)]),
                    change = o.duty_slew_1_s * m->opt.timestep;
       duty_[i] = std::clamp(wanted, duty_[i] - change, duty_[i] + change);
-      const double warm = 1 + o.resistance_per_K * (mujoco::workspace(d, drive).temperature_degC - o.reference_degC);
-      d->ctrl[drive.control] = dc_torque_nm(o, duty_[i], d->qvel[drive.dof], o.resistance_ohm * warm) / drive.gear;
+      const double winding_degC = drive::winding_degC(drive.drive, mujoco::state(d, drive));
+      const double warm = 1 + o.resistance_per_K * (winding_degC - o.reference_degC);
+      // Warm magnets induce less voltage: as much as a cold motor would at a lower speed.
+      const double speed_rad_s = d->qvel[drive.dof] * drive.drive.winding.torque_share(winding_degC);
+      d->ctrl[drive.control] = dc_torque_nm(o, duty_[i], speed_rad_s, o.resistance_ohm * warm) / drive.gear;
     }
   }
   void state(StateNumbers& s) override { s(duty_.data(), duty_.size()); }

@@ -111,7 +111,8 @@ struct DcPositionOptions {
   double torque_limit_nm = friction::unlimited;  ///< current limit
   double supply_V = 7.4, resistance_ohm = 1, kt_nm_A = 1;  ///< torque = kt / R (duty V' - kt speed)
   double supply_resistance_ohm = 0;  ///< V' = V (1 - R_supply / R duty^2): what the supply loses under load
-  /// R (1 + resistance_per_K (T - reference_degC)) at the drive's temperature T; copper alone has 0.0039.
+  /// R (1 + resistance_per_K (T - reference_degC)) at the temperature T of the drive's winding, of its lubricant
+  /// without one; copper alone has 0.0039.
   double resistance_per_K = 0, reference_degC = 25;
 };
 /// Motor torque [Nm] at a position error [rad] and speed [rad/s], at reference_degC and with any rate of the duty.

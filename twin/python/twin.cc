@@ -1,10 +1,13 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <cstring>
 #include <exception>
 #include <functional>
 #include <limits>
 #include <memory>
+#include <span>
+#include <string_view>
 
 #include <fmt/format.h>
 
@@ -14,6 +17,7 @@
 #include <tribotwin/twin/python/bindings.hpp>
 #include <tribotwin/twin/python/hdf5_lock.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
+#include <tribotwin/twin/robot/fingerprint.hpp>
 #include <tribotwin/twin/simulation/channels.hpp>
 #include <tribotwin/twin/simulation/run.hpp>
 
@@ -48,6 +52,17 @@ constexpr const char* about_happen = R"(Something happens now, before the next s
 
 event: an entry of `events` of a scenario without time_s, such as {'type': 'fault', 'joint': 'joint2', 'fault': 'wear',
 'severity': 0.2}, {'type': 'payload', 'mass_kg': 5} or {'type': 'ambient', 'temperature_degC': 35}.)";
+
+constexpr const char* about_save = R"(The state of the twin now, as bytes for restore().
+
+Everything that the next steps depend on, and the sums since the start; not the samples of record=True. The bytes are
+for the same version of tribotwin and the same kind of machine. Raises Error after happen(), whose events have no place
+in a state: give them in the scenario's `events`.)";
+
+constexpr const char* about_restore = R"(Goes to a state that save() returned, of this twin or of another one.
+
+Its steps are then the same to the last bit, and telemetry starts anew. state: bytes of a twin of the same scenario;
+those of another one (other keys, model, events or `commanded`) and damaged ones raise Error and change nothing.)";
 
 constexpr const char* about_run = R"(Simulates a scenario to its end, as the program does, into a folder.
 
@@ -223,6 +238,34 @@ void happen(PythonTwin& p, const py::dict& event) {
   node["time_s"] = p.twin->time_s();
   const double until_s = std::max(p.twin->scenario().duration_s, p.twin->time_s());
   p.twin->happen(twin::read_event(twin::Mapping("event", "", node), p.twin->model(), until_s));
+}
+
+double checksum(std::span<const double> numbers) {
+  twin::Fingerprint sum;
+  sum.add(numbers);
+  return static_cast<double>(sum.value() >> 12);
+}
+
+py::bytes save(PythonTwin& p) {
+  std::vector<double> numbers = or_raise(p.twin->save());
+  numbers.push_back(checksum(numbers));
+  return {reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(double)};
+}
+
+void restore(PythonTwin& p, const py::bytes& state) {
+  const std::string_view bytes(state);
+  std::vector<double> numbers(bytes.size() / sizeof(double));
+  std::memcpy(numbers.data(), bytes.data(), numbers.size() * sizeof(double));
+  const bool whole = !numbers.empty() && bytes.size() % sizeof(double) == 0 &&
+                     numbers.back() == checksum(std::span(numbers).first(numbers.size() - 1));
+  if (!whole)
+    throw Failure(
+        fmt::format("state: {} bytes that are no whole state; give the bytes that save() returned", bytes.size()));
+  numbers.pop_back();
+  or_raise(p.twin->restore(numbers));
+  p.time_s.clear();
+  for (auto& joint : p.values)
+    for (auto& channel : joint) channel.clear();
 }
 
 void hold_temperature(PythonTwin& p, const py::object& joint, std::optional<double> temperature_degC) {
@@ -408,6 +451,8 @@ void bind_twins(py::module_& m) {
            py::arg("velocity_rad_s") = 0.0, py::arg("torque_nm") = 0.0,
            py::arg("torque_limit_nm") = friction::unlimited, about_command)
       .def("happen", &happen, py::arg("event"), about_happen)
+      .def("save", &save, about_save)
+      .def("restore", &restore, py::arg("state"), about_restore)
       .def(
           "set_brake",
           [](PythonTwin& p, const py::object& joint, bool on) { p.twin->set_brake(joint_index(p, joint), on); },

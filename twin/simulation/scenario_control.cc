@@ -107,14 +107,20 @@ std::vector<DcPositionOptions> dc_position_options(Mapping& in, const Scenario& 
     for (const auto& [name, value] : s.recording->numbers)
       if (name == "kp") kp = value;
   if (!(kp >= 0 && kp <= 1e9)) in.fail("kp", fmt::format("is {} in the recording but must be within 0 .. 1e9", kp));
-  std::vector<DcPositionOptions> all(s.model->drives().size(), DcPositionOptions{.kp = kp});
+  std::vector<DcPositionOptions> all;
+  for (const mujoco::Binding& binding : s.model->drives()) {
+    DcPositionOptions& one = all.emplace_back(DcPositionOptions{.kp = kp});
+    if (const thermal::Winding& w = binding.drive.winding; w.present())
+      one.resistance_per_K = w.copper_1_K, one.reference_degC = w.reference_degC;
+  }
   for (const DcPositionKey& key : dc_position_keys()) {
     if (!in.has(key.name)) {
       if (key.required) in.number(key.name);  // says that it is missing
       continue;
     }
-    const auto values =
-        per_drive(in, key.name, *s.model, std::vector(all.size(), key.value(all[0])), {key.minimum, key.maximum});
+    std::vector<double> values;
+    for (DcPositionOptions& one : all) values.push_back(key.value(one));
+    values = per_drive(in, key.name, *s.model, values, {key.minimum, key.maximum});
     for (std::size_t i = 0; i < all.size(); ++i) key.value(all[i]) = values[i];
   }
   for (const auto& one : all)

@@ -7,11 +7,10 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/plugins/drive/configuration.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/plugins/mujoco/engine_state.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
-#include <tribotwin/twin/robot/fingerprint.hpp>
+#include <tribotwin/twin/simulation/scenario_mark.hpp>
 #include <tribotwin/twin/simulation/twin.hpp>
 
 namespace tribotwin::twin {
@@ -38,21 +37,6 @@ bool follows_motion(const Scenario& scenario) {
 bool ends_run(int warning) {
   if (mujoco::engine::concerns_pictures(warning)) return false;
   return warning != mjWARN_CONTACTFULL && warning != mjWARN_CNSTRFULL;
-}
-
-/// Of the scenario, wherever its files lie; exact as a double.
-double scenario_mark(const Twin& twin) {
-  const Scenario& scenario = twin.scenario();
-  std::string text = fmt::format("{} {} {} {} {}", scenario.name, scenario.duration_s, scenario.seed,
-                                 twin.takes_commands(), (*scenario.model)->opt.timestep);
-  for (const Event& event : scenario.events) text += fmt::format(" {} {}", event.time_s, event.what.index());
-  for (const mujoco::Binding& binding : scenario.model->drives()) {
-    text += joint_name(scenario.model->get(), binding);
-    for (const auto& [key, value] : drive::configuration_of(binding.drive)) text += key + value;
-  }
-  Fingerprint mark;
-  mark.add(text);
-  return static_cast<double>(mark.value() >> 12);
 }
 
 void state_of(mjData* d, StateNumbers& s) {
@@ -343,8 +327,13 @@ void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::sp
   set_faults();
 }
 
+double Twin::mark() {
+  if (mark_ == 0) mark_ = static_cast<double>((scenario_mark(scenario_) >> 12) | 1);  // exact as a double
+  return takes_commands() ? -mark_ : mark_;
+}
+
 void Twin::state(StateNumbers& s) {
-  double mark = scenario_mark(*this);
+  double mark = this->mark();
   s(mark), s(next_event_), s(recording_index_), s(steps_), s(computed_);
   mujoco::engine::all_state(model_->get(), data_.get(), s);
   state_of(data_.get(), s);
@@ -385,7 +374,10 @@ Result<void> Twin::restore(std::span<const double> numbers) {
   std::vector<double> before;
   StateNumbers writer(before);
   state(writer);
-  if (numbers.empty() || numbers[0] != before[0]) return tl::unexpected(Error("the state is one of another scenario"));
+  if (numbers.empty() || numbers[0] != before[0])
+    return tl::unexpected(
+        Error("the state is one of another scenario: its keys, model, control, events, recording or engine differ, or "
+              "commands move one of both twins"));
   if (numbers.size() != before.size())
     return tl::unexpected(
         Error(fmt::format("the state has {} numbers but one of this scenario has {}", numbers.size(), before.size())));

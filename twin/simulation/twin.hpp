@@ -54,9 +54,9 @@ class Twin {
   /// Everything that the next steps depend on, and the sums since the start, as numbers for `restore`; as many for
   /// every time of a scenario. Fails for a twin that has failed, and after `happen`.
   Result<std::vector<double>> save();
-  /// Goes to a state that a twin of the same scenario, model and engine saved: its steps are then the same doubles. One
-  /// of another name, duration, seed, time step, drives or times of events is refused and changes nothing; other
-  /// differences of scenarios are not seen. Events of `happen` are forgotten.
+  /// Goes to a state that a twin of the same scenario and engine saved: its steps are then the same doubles. One of a
+  /// scenario that differs in anything (scenario_mark.hpp) is refused and changes nothing. Events of `happen` are
+  /// forgotten.
   Result<void> restore(std::span<const double> numbers);
 
   const Scenario& scenario() const { return scenario_; }
@@ -131,6 +131,8 @@ class Twin {
   void set_faults();
   void begin_fault(const FaultChange& fault, double since_s);
   void state(StateNumbers& s);
+  /// Of the scenario, and of whether commands move the drives.
+  double mark();
   /// What the scenario's events so far have left beside the numbers: the model and the faults.
   void follow_events();
   double mechanical_energy_J() const;
@@ -157,6 +159,7 @@ class Twin {
   std::vector<ActiveFault> faults_;
   std::deque<Event> happened_;  ///< faults_ points into it
   std::size_t recording_index_ = 0;
+  double mark_ = 0;                 ///< of scenario_, once it was needed
   bool controlled_ = false;         ///< in this step
   std::vector<double> qvel_begin_;  ///< of all joints; empty without actuators beside the drives
   double motor_work_J_ = 0, other_work_J_ = 0, energy_start_J_ = 0, energy_jumps_J_ = 0;

@@ -6,16 +6,16 @@
 namespace tribotwin::twin {
 namespace {
 
-/// Two joints whose drives have different gears; nothing moves here.
-std::shared_ptr<const mujoco::Model> two_joints() {
-  const auto model = mujoco::load_string(R"(<mujoco><option timestep="0.001"/>
+/// Two joints; nothing moves here. `winding`: keys of the second drive.
+std::shared_ptr<const mujoco::Model> two_joints(const std::string& winding = "") {
+  std::string text = R"(<mujoco><option timestep="0.001"/>
   <extension><plugin plugin="tribotwin.drive">
     <instance name="a"><config key="law" value="stribeck"/><config key="Fc" value="0.01"/><config key="Fs" value="0"/>
       <config key="vs" value="10"/><config key="alpha" value="1"/><config key="Fv" value="0"/>
       <config key="torque_max_nm" value="10"/><config key="gear_ratio" value="50"/></instance>
     <instance name="b"><config key="law" value="stribeck"/><config key="Fc" value="0.01"/><config key="Fs" value="0"/>
       <config key="vs" value="10"/><config key="alpha" value="1"/><config key="Fv" value="0"/>
-      <config key="torque_max_nm" value="10"/><config key="gear_ratio" value="50"/></instance>
+      <config key="torque_max_nm" value="10"/><config key="gear_ratio" value="50"/>WINDING</instance>
   </plugin></extension>
   <default><joint frictionloss="0.1" solreffriction=".001 1" solimpfriction=".9999 .9999 .001 .5 2"/></default>
   <worldbody>
@@ -24,8 +24,11 @@ std::shared_ptr<const mujoco::Model> two_joints() {
   </worldbody>
   <actuator>
     <plugin name="a" joint="first" plugin="tribotwin.drive" instance="a" actdim="3" dyntype="user"/>
-    <plugin name="b" joint="second" plugin="tribotwin.drive" instance="b" actdim="3" dyntype="user"/>
-  </actuator></mujoco>)");
+    <plugin name="b" joint="second" plugin="tribotwin.drive" instance="b" actdim="STATES" dyntype="user"/>
+  </actuator></mujoco>)";
+  text.replace(text.find("WINDING"), 7, winding);
+  text.replace(text.find("STATES"), 6, winding.empty() ? "3" : "6");
+  const auto model = mujoco::load_string(text);
   EXPECT_TRUE(model.has_value()) << model.error().message;
   return *model;
 }
@@ -98,6 +101,26 @@ TEST(DcPosition, AWarmWindingHasMoreResistance) {
   const auto torque = torques(*make_dc_position(*model, {cold, warm}), *model, d.get(), 1);
   EXPECT_DOUBLE_EQ(torque[0][0], 5);
   EXPECT_NEAR(torque[1][0], 5 / 1.16, 1e-12);
+}
+
+/// The gear stays at 25 degC; the winding has 65. Its magnets are weaker then: so is the voltage of the motion.
+TEST(DcPosition, AWindingHasItsOwnTemperature) {
+  const auto model = two_joints(R"(
+      <config key="winding_resistance_ohm" value="2"/><config key="torque_constant_nm_A" value="0.1"/>
+      <config key="winding_heat_capacity_J_K" value="5"/><config key="winding_thermal_resistance_K_W" value="0.4"/>
+      <config key="winding_magnet_1_K" value="0.002"/><config key="winding_reference_degC" value="25"/>)");
+  const auto d = model->make_data();
+  const auto& motor = model->drives()[1];
+  for (const auto& drive : model->drives()) drive::set_temperature(drive.drive, mujoco::state(d.get(), drive), 25);
+  drive::set_winding(motor.drive, mujoco::state(d.get(), motor), 65);
+  mj_forward(model->get(), d.get());
+  DcPositionOptions o{.kp = 1, .error_gain = 1, .supply_V = 10, .resistance_ohm = 2, .kt_nm_A = 1};
+  o.resistance_per_K = 0.004;
+  const auto torque = torques(*make_dc_position(*model, {o, o}), *model, d.get(), 1);
+  EXPECT_NEAR(torque[0][0], 5, 1e-6);
+  EXPECT_NEAR(torque[1][0], 5 / 1.16, 1e-12);
+  d->qvel[motor.dof] = 3;
+  EXPECT_NEAR(torques(*make_dc_position(*model, {o, o}), *model, d.get(), 1)[1][0], (10 - 0.92 * 3) / 2.32, 1e-12);
 }
 
 TEST(Cascaded, EachDriveHasItsOwnGainsAndLimit) {

@@ -56,9 +56,16 @@ struct Described {
     std::smatch found;
     std::regex_search(xml, found, std::regex("(guid|instantiationToken)=\"([^\"]*)\""));
     token = found[2];
+    text = xml;
+  }
+  /// The unit of a variable; empty without one.
+  std::string unit(const std::string& name) const {
+    const std::size_t at = text.find(" name=\"" + name + "\""), unit = text.find(" unit=\"", at);
+    if (at == std::string::npos || unit >= text.find(" name=\"", at + 1)) return "";
+    return text.substr(unit + 7, text.find('"', unit + 7) - unit - 7);
   }
   std::map<std::string, unsigned> references;
-  std::string token;
+  std::string token, text;
 };
 
 /// An instance, under either version.

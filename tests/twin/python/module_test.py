@@ -282,6 +282,80 @@ class Windings(unittest.TestCase):
         self.assertAlmostEqual(twin.winding_temperature_degC[0], winding, delta=1e-3 * (winding - 25))
 
 
+class States(unittest.TestCase):
+    settings = {
+        "duration_s": 3,
+        "multirate": {"enabled": False},
+        "telemetry_rate_hz": 1000,
+        "events": [
+            {"time_s": 0.1, "type": "fault", "joint": "joint2", "fault": "wear", "severity": 0.3, "growth_per_h": 50},
+            {"time_s": 0.7, "type": "payload", "mass_kg": 80},
+        ],
+    }
+
+    def further(self, twin, steps=1000):
+        """Rows of the next steps, to the last bit."""
+        rows = []
+        for _ in range(steps):
+            self.assertTrue(twin.step())
+            rows.append(np.concatenate([twin.position_rad, twin.torque_nm, twin.friction_nm, twin.temperature_degC]))
+        return np.array(rows).tobytes()
+
+    def test_steps_after_restoring_are_the_same_bits(self):
+        make = lambda: tribotwin.Twin("irb6620_warmup", self.settings, record=True)
+        one, two = make(), make()
+        one.step(500)
+        state = one.save()
+        self.assertIsInstance(state, bytes)
+        expected = self.further(one)
+        one.restore(state)
+        self.assertEqual((one.steps, len(one.telemetry.time_s)), (500, 0))
+        self.assertEqual(one.save(), state)
+        self.assertEqual(self.further(one), expected)
+        self.assertEqual(len(one.telemetry.time_s), 1000)
+        two.step(7)
+        two.restore(state)
+        self.assertEqual(self.further(two), expected)
+        self.assertEqual(one.summary(), two.summary())
+
+    def test_commands_are_part_of_it(self):
+        make = lambda: tribotwin.Twin("irb6620_hold", commanded=True)
+        one, two = make(), make()
+        one.command("joint2", "velocity", velocity_rad_s=0.2)
+        one.step(300)
+        state = one.save()
+        expected = self.further(one)
+        two.restore(state)
+        self.assertEqual(self.further(two), expected)
+
+    def test_others_are_refused_and_change_nothing(self):
+        twin = tribotwin.Twin("irb6620_warmup", self.settings)
+        twin.step(200)
+        state, own = twin.save(), twin.save
+        events = [dict(self.settings["events"][0], severity=0.31), self.settings["events"][1]]
+        for other in (
+            tribotwin.Twin("irb6620_hold"),
+            tribotwin.Twin("irb6620_warmup", dict(self.settings, events=events)),
+            tribotwin.Twin("irb6620_warmup", self.settings, commanded=True),
+        ):
+            with refused(self, "the state is one of another scenario"):
+                twin.restore(other.save())
+            self.assertEqual(own(), state)
+        changed = bytearray(state)
+        changed[len(state) // 2] ^= 1
+        for damaged in (b"", b"state", state[:-8], state[1:], state + b"x", bytes(changed)):
+            with refused(self, ["bytes that are no whole state", "save()"]):
+                twin.restore(damaged)
+            self.assertEqual(own(), state)
+        with self.assertRaises(TypeError):
+            twin.restore("text")
+        twin.happen({"type": "ambient", "temperature_degC": 35})
+        with refused(self, "events that came from outside the scenario"):
+            twin.save()
+        twin.restore(state)
+        self.assertEqual(own(), state)
+
+
 class Fits(unittest.TestCase):
     def data(self, temperatures=(40.0, 55.0, 70.0)):
         random = np.random.default_rng(1)

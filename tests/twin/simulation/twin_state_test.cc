@@ -135,5 +135,58 @@ TEST(TwinState, WhatIsNoneOfThisScenarioIsRefusedAndChangesNothing) {
   EXPECT_EQ(bits(twin.save().value()), bits(saved));
 }
 
+/// A value inside an event, a gain, the motion, the model, an engine's setting: none of it changes the size of a state.
+TEST(TwinState, EveryDifferenceOfScenariosIsSeen) {
+  const auto with = [](const std::string& fault, const std::string& more) {
+    return std::vector<std::string>{"duration_s=2", "multirate.enabled=false",
+                                    "events=[{time_s: 0.2, type: fault, joint: joint2, fault: wear, severity: " +
+                                        fault + "}, {time_s: 0.3, type: wear, joint: joint3, factors: {Fc0: 1.1}}]",
+                                    more};
+  };
+  const std::string none = "control={type: servo}";
+  Twin one(scenario_of("irb6620_warmup", with("0.3", none)));
+  ASSERT_TRUE(one.step());
+  const auto saved = one.save().value();
+  EXPECT_TRUE(Twin(scenario_of("irb6620_warmup", with("0.3", none))).restore(saved));
+  for (const auto& different :
+       {with("0.31", none), with("0.3, growth_per_h: 1", none), with("0.3", "control={type: servo, encoder_counts: 0}"),
+        with("0.3", "control={type: servo, position_gain_1_s: 10.5}"), with("0.3", "events.1.factors.Fc0=1.2"),
+        with("0.3", "seed=2"), with("0.3", "solver=CG"), with("0.3", "drives.joint1.Fc0=0.0312"),
+        with("0.3", "temperature_degC=26"), with("0.3", "motion.dwell_s=0.3"), with("0.3", "ambient_degC=21")}) {
+    const auto scenario = load_scenario(
+        std::filesystem::path(TRIBOTWIN_SOURCE_DIR) / "twin" / "scenarios" / "irb6620_warmup.yaml", different);
+    ASSERT_TRUE(scenario) << scenario.error().message;
+    const auto done = Twin(*scenario).restore(saved);
+    ASSERT_FALSE(done) << different[2] << ' ' << different[3];
+    EXPECT_THAT(done.error().message, HasSubstr("another scenario"));
+  }
+  EXPECT_FALSE(Twin(scenario_of("irb6620_warmup", with("0.3", none)), Twin::commanded).restore(saved));
+}
+
+/// Gains that a program of its own changed have no key.
+TEST(TwinState, GainsOfAProgramAreSeen) {
+  Scenario scenario = scenario_of("irb6620_warmup", {"control={type: servo}"});
+  const auto saved = Twin(scenario).save().value();
+  EXPECT_TRUE(Twin(scenario).restore(saved));
+  std::get<CascadedOptions>(scenario.control).integral_time_s *= 1.01;
+  EXPECT_FALSE(Twin(scenario).restore(saved));
+}
+
+/// The files of a scenario lie elsewhere; its name and what they hold are the same.
+TEST(TwinState, FilesMayLieElsewhere) {
+  namespace fs = std::filesystem;
+  const fs::path tree = TRIBOTWIN_SOURCE_DIR, folder = fs::temp_directory_path() / "tribotwin-state-elsewhere";
+  fs::remove_all(folder);
+  fs::create_directories(folder / "twin");
+  fs::copy(tree / "mjcf", folder / "mjcf", fs::copy_options::recursive);
+  fs::copy(tree / "twin" / "scenarios", folder / "twin" / "scenarios", fs::copy_options::recursive);
+  const auto saved = Twin(scenario_of("irb6620_hold")).save().value();
+  const auto scenario = load_scenario(folder / "twin" / "scenarios" / "irb6620_hold.yaml");
+  fs::remove_all(folder);
+  ASSERT_TRUE(scenario);
+  const auto done = Twin(*scenario).restore(saved);
+  EXPECT_TRUE(done) << done.error().message;
+}
+
 }  // namespace
 }  // namespace tribotwin::twin

@@ -37,6 +37,7 @@ mujoco::DataPtr prepared(const mujoco::Model& bench, std::size_t drive, std::spa
     s.temperature_held = own ? me.heat.held : 1;
     if (own) {
       state.rise = me.heat.rise;
+      drive::set_winding(drives[i].drive, state, drive::temperature_degC(drives[i].drive, state));
       s.ambient_offset_K = me.heat.ambient_offset_K;
       drive::set_faults(s, me.faults);
     } else {
@@ -193,7 +194,7 @@ Result<JointRecording> record(const mujoco::Model& bench, std::size_t drive, con
     // the motor current, like the torque.
     const double load = drive::delivered_nm(s) - s.friction_nm - binding.drive.offset_nm -
                         m->dof_armature[binding.dof] * (d->qvel[binding.dof] - signals.velocity_rad_s.back()) / dt;
-    signals.load_nm.push_back(load / (1 - me.faults.torque_loss));
+    signals.load_nm.push_back(load / ((1 - me.faults.torque_loss) * (1 - s.hot_torque_loss)));
     signals.temperature_degC.push_back(s.temperature_degC);
     if (progress && k % 512 == 0) progress(static_cast<double>(k) / static_cast<double>(steps));
   }

@@ -147,6 +147,10 @@ class Series {
     if (combine_ == "random") in_.fail("combine", "random needs prescribed_degC: a warm-up has its order");
     auto heating = temperature->mapping("heating");
     heating->accept({"ambient_degC", "start_degC", "travel_rad", "steps"});
+    if (drive_.winding.present())
+      temperature->fail("heating",
+                        "knows no heat of windings, and this joint's motor has one; use prescribed_degC, or a model "
+                        "without winding_resistance_ohm");
     if (drive_.thermal.order == thermal::Order::prescribed)
       temperature->fail("heating",
                         "needs a thermal model, but this drive's is 'prescribed'; give it one with drive: {thermal: "

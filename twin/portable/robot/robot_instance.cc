@@ -36,7 +36,8 @@ struct tribotwin_robot {
     std::size_t at = 1 + (commands == tw::RobotCommands::scenario ? 0 : drives());
     outside = false;
     for (std::size_t i = 0; i < drives(); ++i) {
-      for (const tw::RobotOutput& output : outputs) values[at++] = output.value(*twin, i);
+      for (const tw::RobotOutput& output : outputs)
+        if (output.in(twin->model().drives()[i].drive)) values[at++] = output.value(*twin, i);
       outside = outside || twin->drive(i).outside != 0;
     }
   }

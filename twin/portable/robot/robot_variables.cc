@@ -33,6 +33,12 @@ constexpr RobotOutput outputs[] = {
      [](const Twin& t, std::size_t i) { return t.temperature_degC(i); }},
     {"heat_J", "J", "heat of the gear since the start, that from its motor's winding included",
      [](const Twin& t, std::size_t i) { return t.drive(i).heat_J; }},
+    {"winding_temperature_degC", "degC", "temperature of the winding",
+     [](const Twin& t, std::size_t i) { return t.winding_degC(i); }, true},
+    {"motor_current_A", "A", "motor current in the last time step",
+     [](const Twin& t, std::size_t i) { return t.drive(i).current_A; }, true},
+    {"motor_current_limit_A", "A", "largest current that the drive gave in the last time step",
+     [](const Twin& t, std::size_t i) { return t.drive(i).current_limit_A; }, true},
 };
 
 /// The input of a joint: its name, unit, meaning.
@@ -90,11 +96,12 @@ std::vector<FmuVariable> robot_variables(const Scenario& scenario, RobotCommands
     }
   for (std::size_t i = 0; i < joints.size(); ++i)
     for (const RobotOutput& output : outputs)
-      all.push_back({.name = fmt::format("{}.{}", joints[i], output.name),
-                     .unit = unit_of(output.unit, slide(i)),
-                     .meaning = std::string(output.meaning),
-                     .kind = FmuKind::output,
-                     .member = ""});
+      if (output.in(model.drives()[i].drive))
+        all.push_back({.name = fmt::format("{}.{}", joints[i], output.name),
+                       .unit = unit_of(output.unit, slide(i)),
+                       .meaning = std::string(output.meaning),
+                       .kind = FmuKind::output,
+                       .member = ""});
   all.push_back({.name = "outside",
                  .unit = "",
                  .meaning = "in the last time step a joint was outside the range of its law",

@@ -15,6 +15,8 @@ namespace tribotwin::twin {
 struct RobotOutput {
   std::string_view name, unit, meaning;
   double (*value)(const Twin&, std::size_t drive);
+  bool of_winding = false;  ///< only joints whose motor has a winding have it
+  bool in(const drive::Drive& drive) const { return !of_winding || drive.winding.present(); }
 };
 std::span<const RobotOutput> robot_outputs();
 

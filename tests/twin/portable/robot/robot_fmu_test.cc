@@ -337,6 +337,30 @@ TEST_P(Robot, ResourcesAreWhole) {
   }
 }
 
+/// A motor with a winding has three more outputs; their units are in the description, and they follow the twin's.
+TEST_P(Robot, WindingsAreOutputs) {
+  const Scenario scenario = scenario_of(shipped / "xl330_winding.yaml", {"duration_s=2"});
+  const RobotFmu fmu(scenario, RobotCommands::scenario, GetParam());
+  const auto instance = fmu.instance();
+  begin(*instance);
+  const std::vector<unsigned> references{fmu["hinge.winding_temperature_degC"], fmu["hinge.motor_current_A"],
+                                         fmu["hinge.motor_current_limit_A"]};
+  for (const auto& [name, unit] :
+       {std::pair{"winding_temperature_degC", "degC"}, {"motor_current_A", "A"}, {"motor_current_limit_A", "A"}})
+    EXPECT_EQ(fmu.description->unit(std::string("hinge.") + name), unit);
+  Twin twin(scenario);
+  for (int k = 0; k < 1000; ++k) {
+    ASSERT_EQ(instance->step(1e-3 * k, 1e-3), ok);
+    ASSERT_TRUE(twin.step());
+    std::vector<double> values(3);
+    ASSERT_EQ(instance->get(references, values.data()), ok);
+    ASSERT_EQ(values, (std::vector{twin.winding_degC(0), twin.drive(0).current_A, twin.drive(0).current_limit_A})) << k;
+  }
+  EXPECT_GT(twin.winding_degC(0), 25.01);
+  const RobotFmu plain(scenario_of(shipped / "irb6620_hold.yaml"), RobotCommands::scenario, GetParam());
+  EXPECT_FALSE(plain.description->references.contains("joint1.winding_temperature_degC"));
+}
+
 TEST(RobotFiles, SameScenarioSameToken) {
   const auto token = [](const std::vector<std::string>& settings, RobotCommands commands) {
     const Scenario s = scenario_of(shipped / "irb6620_hold.yaml", settings);
