@@ -26,6 +26,8 @@ def cpp_functions(lines):
         head = ' '.join(x.strip() for x in lines[first : i + 1])
         if '(' not in head or NOT_A_FUNCTION.match(head) or re.match(r'(if|for|while|switch|else|do|return)\b', head):
             continue
+        if line.lstrip().startswith(':'):  # the members of a constructor, indented by four
+            indent -= 4
         end = next((j for j in range(i + 1, len(lines)) if lines[j].startswith(' ' * indent + '}')), len(lines))
         yield i, re.sub(r'\(.*', '', head).split()[-1], end - first + 1
 
