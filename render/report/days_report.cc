@@ -7,6 +7,7 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/report/days_report.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/numerics/median.hpp>
 #include <tribotwin/twin/robot/base_parameters.hpp>
 
 namespace tribotwin::render {
@@ -86,9 +87,10 @@ class Writer {
                      fmt::format("{} robot{}, {} day{} of {:.3g} h", c_.robots, c_.robots > 1 ? "s" : "", c_.days,
                                  c_.days > 1 ? "s" : "", c_.duration_s / 3600)});
     tiles.push_back({"cycles", fmt::format("{}", day(0, 0).cycles.size()), "of the motion on a day"});
-    tiles.push_back({"changes", fmt::format("{}", f_.changes.size()),
-                     fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold),
-                     f_.changes.empty() ? "good" : "bad"});
+    if (f_.comparisons)
+      tiles.push_back({"changes", fmt::format("{}", f_.changes.size()),
+                       fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold),
+                       f_.changes.empty() ? "good" : "bad"});
     std::optional<double> drift, over_days;
     for (std::size_t robot = 0; robot < c_.robots; ++robot)
       for (std::size_t p = 0; p < base_.parameters.size(); ++p) {
@@ -107,11 +109,12 @@ class Writer {
                 .light = !f_.changes.empty()   ? Light::red
                          : f_.comparisons == 0 ? Light::amber
                                                : Light::green,
-                .rule = "red when friction of a joint changed by more than from one day to the next, amber when there "
-                        "are no days to compare with.",
+                .rule = "red when a joint's friction changed by more than it does from one day to the next, amber when "
+                        "there are no days to compare with.",
                 .tiles = std::move(tiles),
-                .action = f_.changes.empty() ? "nothing; go on with the tests."
-                                             : "look at the joint named, and measure its friction curve.",
+                .action = !f_.comparisons      ? "test on more days: a change shows against earlier ones."
+                          : f_.changes.empty() ? "nothing; go on with the tests."
+                                               : "look at the joint named, and measure its friction curve.",
                 .identity = identity_of(options_, c_.name)});
   }
 
@@ -170,15 +173,22 @@ class Writer {
         "soft");
   }
 
-  /// Friction of one joint over the days of a robot, thinned.
+  /// Friction of one joint over the days of a robot, thinned, with a gap where much longer nothing moved than usual.
   std::vector<Trace> traces(std::size_t robot, std::size_t j) const {
     std::vector<Trace> out;
     for (std::size_t d = 0; d < c_.days; ++d) {
       const Warming& w = day(robot, d).warming[j];
       Trace t{
           .label = fmt::format("test {}{}", d + 1, changed(robot, d) ? ", changed" : ""), .time_s = {}, .values = {}};
-      for (const std::size_t i : thinned(w.time_s.size(), curve_points))
+      std::vector<double> time_s;
+      const auto shown = thinned(w.time_s.size(), curve_points);
+      for (const std::size_t i : shown) time_s.push_back(w.time_s[i]);
+      const double gap_s = 5 * twin::identification::median_step(time_s);
+      for (const std::size_t i : shown) {
+        if (!t.time_s.empty() && w.time_s[i] - t.time_s.back() > gap_s)
+          t.time_s.push_back((w.time_s[i] + t.time_s.back()) / 2), t.values.push_back(std::nan(""));
         t.time_s.push_back(w.time_s[i]), t.values.push_back(w.friction_nm[i]);
+      }
       out.push_back(std::move(t));
     }
     return out;

@@ -34,6 +34,10 @@ StudyVerdict verdict_of(const JsonInput& in, const StudyJoint& joint) {
   v.load_kg = in["load_kg"].number();
   v.state = in["state"].text();
   v.pattern = in["pattern"].text();
+  if (in.has("faults"))
+    for (const JsonInput& fault : in["faults"].list(0)) v.faults.push_back(fault.text());
+  else if (drive::find_fault(v.state))  // of an older version
+    v.faults = {v.state};
   v.anomalous = in["anomalous"].truth();
   for (std::size_t r = 0; r < regions.size(); ++r) {
     const JsonInput region = in[regions[r].name];
@@ -79,7 +83,7 @@ std::map<std::size_t, StudyCurve> curves_of(const fs::path& file) {
 
 }  // namespace
 
-bool StudyVerdict::has_fault() const { return drive::find_fault(state) != nullptr; }
+bool StudyVerdict::is_named() const { return std::ranges::count(faults, pattern) > 0; }
 
 std::string StudyVerdict::name() const { return fmt::format("{:g} kg, {}", load_kg, state); }
 

@@ -29,10 +29,11 @@ struct StudyObservation {
 struct StudyVerdict : StudyObservation {
   double load_kg = 0;
   std::string state, pattern;                            ///< given by the campaign; found by the verdict
+  std::vector<std::string> faults;                       ///< of the twin, on purpose
   std::array<twin::diagnosis::RegionVerdict, 2> region;  ///< distance, statistic, limit, anomalous
   bool anomalous = false;
 
-  bool has_fault() const;    ///< the state is the name of a fault
+  bool is_named() const;     ///< the pattern is one of the faults
   std::string name() const;  ///< "2 kg, cold"
 };
 

@@ -24,7 +24,7 @@ constexpr double slow_share = 0.6;
 std::vector<const StudyVerdict*> verdicts(const StudyJoint& joint, bool on_faults) {
   std::vector<const StudyVerdict*> some;
   for (const auto& v : joint.checked)
-    if (v.has_fault() == on_faults) some.push_back(&v);
+    if (!v.faults.empty() == on_faults) some.push_back(&v);
   return some;
 }
 
@@ -151,25 +151,32 @@ class Writer {
       }
       sentences.push_back(joint.name + ":" + said);
       for (const StudyVerdict& v : joint.checked) {
-        const auto [count, hits] = v.has_fault()    ? std::tie(faults, named)
-                                   : v.load_kg == 0 ? std::tie(unloaded, false_alarms)
-                                                    : std::tie(loaded, flagged);
+        const auto [count, hits] = !v.faults.empty() ? std::tie(faults, named)
+                                   : v.load_kg == 0  ? std::tie(unloaded, false_alarms)
+                                                     : std::tie(loaded, flagged);
         ++count;
-        hits += v.has_fault() ? v.pattern == v.state : v.anomalous;
+        hits += v.faults.empty() ? v.anomalous : v.is_named();
       }
     }
     std::vector<Tile> tiles;
-    tiles.push_back({"false alarms", fmt::format("{} of {}", false_alarms, unloaded), "new unloaded curves",
-                     false_alarms ? "bad" : "good"});
-    tiles.push_back({"loads noticed", fmt::format("{} of {}", flagged, loaded), "curves with a payload"});
+    std::vector<std::string> found;
+    if (loaded) {
+      found.push_back(fmt::format("{} of {} curves with a payload are noticed", flagged, loaded));
+      tiles.push_back({"loads noticed", fmt::format("{} of {}", flagged, loaded), "curves with a payload"});
+    }
+    if (unloaded) {
+      found.push_back(
+          fmt::format("{} of {} new healthy ones without a payload are false alarms", false_alarms, unloaded));
+      tiles.push_back({"false alarms", fmt::format("{} of {}", false_alarms, unloaded), "new unloaded curves",
+                       false_alarms ? "bad" : "good"});
+    }
     const bool missed = 5 * named < 4 * faults;
-    if (faults)
+    if (faults) {
+      found.push_back(fmt::format("{} of {} curves with a fault are named by it", named, faults));
       tiles.push_back({"faults named", fmt::format("{} of {}", named, faults), "simulated curves with a fault",
                        missed ? "bad" : "good"});
-    page_.open({.verdict = fmt::format("{} of {} curves with a payload are noticed, {} of {} without one are false "
-                                       "alarms{}.",
-                                       flagged, loaded, false_alarms, unloaded,
-                                       faults ? fmt::format(", and {} of {} faults are named", named, faults) : ""),
+    }
+    page_.open({.verdict = twin::joined(found) + ".",
                 .light = missed         ? Light::red
                          : false_alarms ? Light::amber
                                         : Light::green,
@@ -273,7 +280,8 @@ class Writer {
     if (!simulated.empty()) {
       std::vector<Counted> counted;
       for (const auto* v : simulated) {
-        if (counted.empty() || counted.back().fault != v->state) counted.push_back({.fault = v->state});
+        const std::string fault = twin::joined(v->faults);
+        if (counted.empty() || counted.back().fault != fault) counted.push_back({.fault = fault});
         ++counted.back().verdicts[v->pattern];
       }
       page_.add(page_.body(), "p", "Verdicts on simulated curves with a fault: how often each fault got which name.");

@@ -219,7 +219,7 @@ def study():
                 (0, "cold", 26.0, False, "healthy"),
                 (2, "cold", 27.0, j == 0, "load"),
                 (5, "thermal", 57.0, True, "load"),
-                (0, "wear", 40.0, True, ("wear", "unknown")[j]),
+                (0, ("worn", "wear")[j], 40.0, True, ("wear", "unknown")[j]),
             ),
             11,
         ):
@@ -242,6 +242,8 @@ def study():
                     "pattern": pattern,
                 }
             )
+            if j == 0:  # older versions had the state alone
+                checked[-1]["faults"] = ["wear"] * (state == "worn")
         roc = [
             {"severity": s, "false_alarm": a, "detected": min(1, a + 10 * s)}
             for s in (0, 0.05, 0.1)
@@ -288,6 +290,12 @@ check(
     "study: what each joint flags",
     "joint3: Region 1 (contact surfaces) flags 2 kg, cold; 5 kg, thermal. Region 2 (lubricant) flags nothing." in text
     and "joint5: Region 1 (contact surfaces) flags 5 kg, thermal." in text,
+    text[:600],
+)
+check(
+    "study: a curve with a fault is no false alarm, whatever its author calls it",
+    "3 of 4 curves with a payload are noticed, 0 of 2 new healthy ones without a payload are false alarms, 1 of 2 curves"
+    " with a fault are named by it." in text,
     text[:600],
 )
 check("study: faults named", re.search(r"faults named\s+1 of 2", text), text[:600])

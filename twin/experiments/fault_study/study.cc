@@ -120,7 +120,8 @@ Result<Json> verdicts(const Study& study, const Joint& joint, const LabOptions& 
     if (!judged) return work_failed(fmt::format("{}: {}", joint.name, judged.error().message));
     for (std::size_t i = 0; i < judged->size(); ++i) {
       const Observation& o = some.observations[i];
-      Json row{{"load_kg", joint.campaign.curves[o.curve - 1].payload_kg}, {"state", name}, {"series", series}};
+      const Curve& curve = joint.campaign.curves[o.curve - 1];
+      Json row{{"load_kg", curve.payload_kg}, {"state", name}, {"series", series}, {"faults", curve.faults}};
       row.update(json_of((*judged)[i]));
       row.update(json_of(o));
       j["observations"].push_back(row);

@@ -23,7 +23,8 @@ struct Curve {
   std::size_t bench = 0;   ///< of Campaign::benches
   Measurement measurement;
   double payload_kg = 0;
-  std::string conditions;  ///< for messages: "load -0.72 by pose, 50 degC"
+  std::vector<std::string> faults;  ///< names of the series' faults
+  std::string conditions;           ///< for messages: "load -0.72 by pose, 50 degC"
 };
 
 /// Checked before any measurement: poses are found, temperatures of warm-ups computed, motions planned.

@@ -102,6 +102,7 @@ class Series {
     in.accept({"type", "severity"});
     const auto fault = fault_of(in, "type", *campaign_.model, campaign_.drive);
     fault.type->add(faults_, fault.severity);
+    fault_names_.emplace_back(fault.type->name);
     in.done();
   }
 
@@ -279,6 +280,7 @@ class Series {
                 .bench = load.bench,
                 .measurement = load.measurement,
                 .payload_kg = load.payload_kg,
+                .faults = fault_names_,
                 .conditions = load.text + ", " + temperature};
     curve.measurement.heat = heat;
     curve.measurement.faults = faults_;
@@ -300,6 +302,7 @@ class Series {
   const Measurement& basis_;
   drive::Drive drive_;  ///< with its faults
   drive::Faults faults_{};
+  std::vector<std::string> fault_names_;
   std::size_t index_;
   Mapping in_;
   std::string name_, combine_;
