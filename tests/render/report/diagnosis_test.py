@@ -294,8 +294,8 @@ check(
 )
 check(
     "study: a curve with a fault is no false alarm, whatever its author calls it",
-    "3 of 4 curves with a payload are noticed, 0 of 2 new healthy ones without a payload are false alarms, 1 of 2 curves"
-    " with a fault are named by it." in text,
+    "3 of 4 curves with a payload are noticed, 0 of 2 new healthy ones without a payload are false alarms, 1 of 2 "
+    "curves with a fault are named by it." in text,
     text[:600],
 )
 check("study: faults named", re.search(r"faults named\s+1 of 2", text), text[:600])
