@@ -76,7 +76,9 @@ check(
     first,
 )
 check(
-    "sweep: its figures have names in words", said.startswith("friction heat is") and "mean of heat_J" not in text, said
+    "sweep: its figures have names in words",
+    said.startswith("The mean of friction heat is") and "mean of heat_J" not in text,
+    said,
 )
 check("sweep: no folder of this machine", harness.work not in content("runs/small/report.html"))
 for what in (
