@@ -173,7 +173,7 @@ class Writer {
         "soft");
   }
 
-  /// Friction of one joint over the days of a robot, thinned, with a gap where much longer nothing moved than usual.
+  /// Friction of one joint over the days of a robot, thinned, with gaps where no window of motion came for long.
   std::vector<Trace> traces(std::size_t robot, std::size_t j) const {
     std::vector<Trace> out;
     for (std::size_t d = 0; d < c_.days; ++d) {
