@@ -149,7 +149,7 @@ class Writer {
         said += fmt::format(" Region {} ({}) flags {}.", r + 1, regions[r].of,
                             which.empty() ? "nothing" : twin::joined(which, "; "));
       }
-      sentences.push_back(joint.name + ":" + said);
+      if (!verdicts(joint, false).empty()) sentences.push_back(joint.name + ":" + said);
       for (const StudyVerdict& v : joint.checked) {
         const auto [count, hits] = !v.faults.empty() ? std::tie(faults, named)
                                    : v.load_kg == 0  ? std::tie(unloaded, false_alarms)
