@@ -192,8 +192,7 @@ check(
 )
 m.bus.shutdown()
 
-# Frames of random identifiers, lengths and data, as fast as the bus takes them: commands, NMT and SYNC among
-# them.
+# Frames of random identifiers, lengths and data, as fast as the bus takes them: commands, NMT and SYNC among them.
 flood = 1_000_000 if nightly else 200_000
 sh(f"cangen vcan0 -g 0 -n {flood} -I r -L r -D r -i")
 check("the random frames: the drives are still there", process.poll() is None, said())
