@@ -624,6 +624,7 @@ for command in ([], ["pose"], ["curve"], ["sheet"], ["video"]):
     text = run(report, *command, "--help").stdout
     example = text[text.index("Example:") :].replace("\\\n", "").splitlines()[1].split()
     small = ["--size", "160x120"] if command in (["pose"], ["sheet"], ["video"]) else []  # quickly drawn
+    small += ["--fps", "4"] if command == ["video"] else []
     r = run(report, *example[1:], *small)
     check(
         "example of --help: " + " ".join(example),

@@ -5,6 +5,7 @@
 #include <future>
 #include <thread>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
@@ -50,9 +51,11 @@ TEST(Warmup, EndsNearPaperOnesTemperature) {
 }
 
 TEST(MultiRate, FollowsTheFullRunAtEveryCycle) {
-  // Steps of 2 ms: the same differences as with 1 ms, in half the time.
-  const auto warmup = [](std::vector<std::string> more, const Folder& folder) {
-    more.insert(more.end(), {"timestep_s=0.002", "telemetry_rate_hz=0.01"});
+  // Steps of 2 ms: the same differences as with 1 ms, in half the time. By day the first 2.5 of 6 h, in which joint 2
+  // warms by 41 of its 56 K.
+  const double duration_s = std::getenv("TRIBOTWIN_NIGHTLY") ? 21888 : 9000;
+  const auto warmup = [&](std::vector<std::string> more, const Folder& folder) {
+    more.insert(more.end(), {"timestep_s=0.002", "telemetry_rate_hz=0.01", fmt::format("duration_s={}", duration_s)});
     return run(load_scenario(scenarios / "irb6620_warmup.yaml", more).value(), {.directory = folder.path});
   };
   const Folder a, b;
@@ -62,7 +65,7 @@ TEST(MultiRate, FollowsTheFullRunAtEveryCycle) {
   const auto f = read_telemetry(a.path / "telemetry.h5"), g = read_telemetry(b.path / "telemetry.h5");
   ASSERT_TRUE(f && g);
   ASSERT_EQ(f->cycle_time_s.size(), g->cycle_time_s.size());
-  ASSERT_GT(f->cycle_time_s.size(), 5000u);
+  ASSERT_GT(static_cast<double>(f->cycle_time_s.size()), duration_s / 4);
   const auto T1 = f->channel("joint2", "cycle_temperature_degC"), T2 = g->channel("joint2", "cycle_temperature_degC");
   const auto P1 = f->channel("joint2", "cycle_friction_power_W"), P2 = g->channel("joint2", "cycle_friction_power_W");
   double worst_T = 0, worst_P = 0;
