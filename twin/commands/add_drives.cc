@@ -71,7 +71,7 @@ void report(const RobotWithDrives& robot) {
            d.removed_damping, d.removed_frictionloss, unit_of("Nm s/rad", d.slide), unit);
   }
   for (const auto& text : robot.notes) note("{}", text);
-  if (starters) note("attention: {}", starting_points);
+  if (starters) note("{}", starting_points);
   for (const auto& text : robot.warnings) report_text(fmt::format("warning: {}\n", text));
 }
 
@@ -93,7 +93,7 @@ Result<Exit> write_both(const RobotWithDrives& robot, const Arguments& a, const 
   else
     note("no scenario was written: {}", work.error().message);
   if (std::error_code error; !work && fs::exists(scenario, error))
-    note("attention: {} is of another call and may not fit this robot", scenario.string());
+    note("{} is of another call and may not fit this robot", scenario.string());
   if (a.json) print_text(files_json(files));
   if (!a.json) print("{}\n", joined(files, "\n"));
   return done;

@@ -415,7 +415,7 @@ std::string causes(std::span<const Finding* const> group) {
     }
     text += (i ? "; " : "") + (joints.front().empty() ? cause : joined(joints) + ": " + cause);
   }
-  if (left > 0) text += fmt::format("; and {} more joints", left);
+  if (left > 0) text += fmt::format("; and {} more joint{}", left, left == 1 ? "" : "s");
   return text;
 }
 
