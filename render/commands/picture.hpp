@@ -9,7 +9,7 @@
 #include <tribotwin/render/commands/program.hpp>
 #include <tribotwin/render/offscreen/renderer.hpp>
 #include <tribotwin/render/pose/pose.hpp>
-#include <tribotwin/render/report/run/run_data.hpp>
+#include <tribotwin/render/report/record/run_data.hpp>
 
 /// Options and input that the commands for pictures share.
 namespace tribotwin::render::program {

@@ -91,6 +91,7 @@ ORDER = {
         "figure",
         "page",
         "report",
+        "report/record",
         "report/run",
         "report/sweep",
         "report/fleet",

@@ -5,12 +5,12 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/render/report/record/cycles.hpp>
+#include <tribotwin/render/report/record/traces.hpp>
 #include <tribotwin/render/report/run/comparison.hpp>
-#include <tribotwin/render/report/run/cycles.hpp>
 #include <tribotwin/render/report/run/differences.hpp>
 #include <tribotwin/render/report/run/histories.hpp>
 #include <tribotwin/render/report/run/run_summary.hpp>
-#include <tribotwin/render/report/run/traces.hpp>
 #include <tribotwin/render/report/run/transmissions.hpp>
 #include <tribotwin/twin/numerics/interpolation.hpp>
 

@@ -5,7 +5,7 @@
 #include <string>
 
 #include <tribotwin/render/page/figure_table.hpp>
-#include <tribotwin/render/report/run/run_data.hpp>
+#include <tribotwin/render/report/record/run_data.hpp>
 
 namespace tribotwin::render {
 

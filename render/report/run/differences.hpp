@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/render/report/run/run_data.hpp>
+#include <tribotwin/render/report/record/run_data.hpp>
 
 /// What differs between runs: what was asked for, and what came of it. The first run is what others are compared with.
 namespace tribotwin::render {

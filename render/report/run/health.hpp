@@ -4,7 +4,7 @@
 #include <vector>
 
 #include <tribotwin/render/page/page.hpp>
-#include <tribotwin/render/report/run/run_data.hpp>
+#include <tribotwin/render/report/record/run_data.hpp>
 
 /// The health check of a run, from its summary.json: of a run without one nothing is shown.
 namespace tribotwin::render {

@@ -6,10 +6,10 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/render/report/run/cycles.hpp>
+#include <tribotwin/render/report/record/cycles.hpp>
+#include <tribotwin/render/report/record/traces.hpp>
 #include <tribotwin/render/report/run/histories.hpp>
 #include <tribotwin/render/report/run/run_summary.hpp>
-#include <tribotwin/render/report/run/traces.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 

@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/render/report/run/cycles.hpp>
+#include <tribotwin/render/report/record/cycles.hpp>
 #include <tribotwin/render/report/run/differences.hpp>
 #include <tribotwin/render/report/run/health.hpp>
 #include <tribotwin/render/report/run/run_section.hpp>

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <tribotwin/render/report/run/run_data.hpp>
+#include <tribotwin/render/report/record/run_data.hpp>
 
 /// The values of a run's summary.json, which may be damaged: NaN, empty text or an empty list where a value is missing.
 namespace tribotwin::render {

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <limits>
 
+#include <tribotwin/render/report/record/traces.hpp>
 #include <tribotwin/render/report/run/run_summary.hpp>
-#include <tribotwin/render/report/run/traces.hpp>
 #include <tribotwin/render/report/run/transmissions.hpp>
 
 namespace tribotwin::render {

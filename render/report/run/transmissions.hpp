@@ -8,7 +8,7 @@
 
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/page/figure_table.hpp>
-#include <tribotwin/render/report/run/run_data.hpp>
+#include <tribotwin/render/report/record/run_data.hpp>
 
 /// Drives behind a transmission: torque over torsion, and how the arm follows its set point.
 namespace tribotwin::render {

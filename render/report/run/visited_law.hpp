@@ -6,7 +6,7 @@
 
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/page/figure_table.hpp>
-#include <tribotwin/render/report/run/run_data.hpp>
+#include <tribotwin/render/report/record/run_data.hpp>
 
 namespace tribotwin::render {
 

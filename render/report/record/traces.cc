@@ -2,7 +2,7 @@
 #include <cmath>
 #include <limits>
 
-#include <tribotwin/render/report/run/traces.hpp>
+#include <tribotwin/render/report/record/traces.hpp>
 
 namespace tribotwin::render {
 

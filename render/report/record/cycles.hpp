@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <tribotwin/render/figure/figures.hpp>
-#include <tribotwin/render/report/run/run_data.hpp>
+#include <tribotwin/render/report/record/run_data.hpp>
 
 /// What figures may take from a run whose motion repeats: values of every work cycle, and the samples of complete ones.
 /// A multi-rate run has samples of some cycles only, more where it is cold, and a part of a cycle is no measure of the

@@ -4,8 +4,8 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/render/report/run/cycles.hpp>
-#include <tribotwin/render/report/run/traces.hpp>
+#include <tribotwin/render/report/record/cycles.hpp>
+#include <tribotwin/render/report/record/traces.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
 

@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-#include <tribotwin/render/report/run/run_data.hpp>
+#include <tribotwin/render/report/record/run_data.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
