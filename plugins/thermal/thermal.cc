@@ -99,10 +99,6 @@ Model make_model(Order order, double T_amb_degC, std::span<const double> values)
 
 std::vector<double> values(const Model& model) { return info(model.order).values(model); }
 
-Decay decay(const Model& model, double dt_s) {
-  return {dt_s, {-std::expm1(-dt_s / model.t_s[0]), -std::expm1(-dt_s / model.t_s[1])}};
-}
-
 double time_to_reach_s(const Model& model, const Rise& rise, double power_W, double ambient_offset_K, double total_K) {
   constexpr double never = std::numeric_limits<double>::infinity();
   if (rise.total_K() >= total_K) return 0;
@@ -123,11 +119,6 @@ double time_to_reach_s(const Model& model, const Rise& rise, double power_W, dou
     return to_s;
   }
   return never;
-}
-
-Rise steady_rise(const Model& model, double total_K) {
-  if (model.order == Order::prescribed) return {{total_K, 0}};
-  return {{total_K * model.share(0), total_K * model.share(1)}};
 }
 
 }  // namespace tribotwin::thermal

@@ -1,4 +1,5 @@
-/// The module of what_if.js: clang compiles this file and plugins/friction/level.cc for the browser.
+/// The module of what_if.js: clang compiles this file, plugins/friction/level.cc and
+/// plugins/thermal/rise.cc for the browser.
 #include <tribotwin/render/page/kernel.hpp>
 
 namespace {
@@ -6,6 +7,9 @@ namespace {
 using namespace tribotwin;
 
 render::kernel::Numbers numbers;
+
+render::kernel::WarmUp joint;
+render::kernel::Warming warming;
 
 friction::LawInfo info{};
 
@@ -32,5 +36,19 @@ int law_size() { return sizeof numbers; }
 /// breakaway level. Finite for every input.
 double friction_level(double speed_rad_s, double load_norm, double temperature_degC) {
   return level(speed_rad_s, load_norm, temperature_degC).total();
+}
+
+/// Where the page writes a joint that repeats its work cycle, and how many bytes it has.
+void* warm_up_numbers() { return &joint; }
+int warm_up_size() { return sizeof joint; }
+
+/// Begins its warm-up.
+void warm_up_begin(double ambient_degC, double standing_min_h) {
+  warming = render::kernel::begin(joint, ambient_degC, standing_min_h);
+}
+/// Advances it by `cycles` times the duration of a cycle; its temperature then [degC].
+double warm_up_work(int cycles) {
+  render::kernel::work(joint, cycles, warming);
+  return warming.temperature_degC();
 }
 }

@@ -133,8 +133,9 @@ svg.live .cursor { stroke: INK; fill: none; pointer-events: none; }
 svg.live .chosen { fill: SOFT; fill-opacity: .2; }
 .series { fill: none; stroke-linejoin: bevel; }
 .alive .live.sliders { display: flex; flex-wrap: wrap; gap: 4px 24px; margin: 6px 0; }
-.sliders label { display: flex; flex: 1 1 240px; min-width: 0; align-items: center; gap: 8px; font-size: .92rem; }
-.sliders input { flex: 1; min-width: 0; accent-color: var(--s0); }
+.alive p.live { font-size: .92rem; margin: .4rem 0; max-width: none; }
+.sliders label { display: flex; flex: 1 1 300px; min-width: 0; align-items: center; gap: 8px; font-size: .92rem; }
+.sliders input { flex: 1; min-width: 60px; accent-color: var(--s0); }
 .sliders output { min-width: 8ch; text-align: right; font-variant-numeric: tabular-nums; }
 .head strong { min-width: 0; overflow-wrap: anywhere; }
 .tools { white-space: nowrap; }

@@ -101,8 +101,9 @@ class Chart {
       if (!series.label) return;
       const button = node('button', { type: 'button', 'aria-pressed': 'true' }, this.sample(series), series.label);
       button.onclick = () => {
-        // All bands at once: one entry of the key stands for them.
-        const alike = (other, k) => k === i || (series.mark === 'band' && other.mark === 'band');
+        // All bands at once: one entry of the key stands for them. A curve takes the points of its stroke along.
+        const alike = (other, k) => k === i || (series.mark === 'band' && other.mark === 'band') ||
+          (series.mark === 'line' && other.mark === 'points' && !other.label && other.stroke === series.stroke);
         const hide = !this.hidden.has(i);
         this.data.series.forEach((other, k) => alike(other, k) && this.hidden[hide ? 'add' : 'delete'](k));
         button.setAttribute('aria-pressed', String(!this.hidden.has(i)));
@@ -114,10 +115,12 @@ class Chart {
     return box;
   }
 
-  /// Another curve in the place of a series.
-  change(i, y, label) {
-    Object.assign(this.data.series[i], { y, label });
-    this.keys.get(i).lastChild.data = label;
+  /// Other curves in the place of series: [index, y, label], ...
+  change(curves) {
+    for (const [i, y, label] of curves) {
+      Object.assign(this.data.series[i], { y, label });
+      this.keys.get(i).lastChild.data = label;
+    }
     this.draw();
   }
 

@@ -3,6 +3,7 @@
 #include <bit>
 #include <cmath>
 #include <string>
+#include <string_view>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -66,22 +67,24 @@ Figure curves(const drive::Drive& drive, double speed_max_rad_s, const Inputs& i
   return f;
 }
 
-std::string sliders(const Inputs& in) {
-  auto all = nlohmann::json::array();
-  const auto add = [&](const char* name, const char* unit, Choice range, double value, int decimals) {
-    all.push_back({{"name", name},
-                   {"unit", unit},
-                   {"from", range.low},
-                   {"to", range.high},
-                   {"value", value},
-                   {"decimals", decimals}});
-  };
-  add("temperature", "°C", in.temperature, in.temperature_degC(), 1);
-  add("load", "", in.load, in.load_norm(), 2);
-  return all.dump();
-}
-
 }  // namespace
+
+void add_sliders(IllustratedPage& page, pugi::xml_node grid, const char* kind, std::span<const Slider> sliders,
+                 std::span<const std::string_view> numbers, const nlohmann::json& more) {
+  nlohmann::json all{{"kind", kind}, {"more", more}};
+  for (const Slider& s : sliders)
+    all["sliders"].push_back({{"name", s.name},
+                              {"unit", s.unit},
+                              {"from", s.from},
+                              {"to", s.to},
+                              {"value", s.value},
+                              {"decimals", s.decimals}});
+  for (const auto bytes : numbers) all["numbers"].push_back(base64(bytes));
+  auto figure = grid.last_child();
+  figure.append_attribute("data-kernel") = base64(kernel_files()[0].content).c_str();
+  figure.append_attribute("data-what-if") = all.dump().c_str();
+  page.allow_kernel();
+}
 
 Result<void> show_what_if(IllustratedPage& page, const drive::Drive& drive, double speed_max_rad_s, Choice temperature,
                           Choice load) {
@@ -98,11 +101,10 @@ Result<void> show_what_if(IllustratedPage& page, const drive::Drive& drive, doub
       !ok)
     return ok;
   const auto numbers = kernel::numbers_of(drive.law);
-  auto figure = grid.last_child();
-  figure.append_attribute("data-kernel") = base64(kernel_files()[0].content).c_str();
-  figure.append_attribute("data-law") = base64({reinterpret_cast<const char*>(&numbers), sizeof numbers}).c_str();
-  figure.append_attribute("data-inputs") = sliders(in).c_str();
-  page.allow_kernel();
+  const std::string_view bytes(reinterpret_cast<const char*>(&numbers), sizeof numbers);
+  const std::array sliders{Slider{"temperature", "°C", temperature.low, temperature.high, in.temperature_degC(), 1},
+                           Slider{"load", "", load.low, load.high, in.load_norm(), 2}};
+  add_sliders(page, grid, "law", sliders, std::array{bytes});
   return {};
 }
 

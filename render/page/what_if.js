@@ -1,14 +1,57 @@
-// What if: sliders that move a curve. Its values come from our own kernel, compiled for the browser (kernel.cc).
+// What if: sliders that move curves. Their values come from our own kernel, compiled for the browser (kernel.cc).
 const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+
+/// A law over speed at another temperature and load.
+class LawCurve {
+  constructor({ chart, kernel, numbers: [law], label }) {
+    Object.assign(this, { chart, kernel, label });
+    this.moved = chart.data.series.findIndex(({ mark }) => mark === 'line');
+    new Uint8Array(kernel.memory.buffer, kernel.law_numbers(), kernel.law_size()).set(bytes(law));
+  }
+
+  move(temperature, load) {
+    const { chart, moved, kernel } = this;
+    const y = chart.data.series[moved].x.map((v) => kernel.friction_level(v, load, temperature));
+    chart.change([[moved, y, this.label()]]);
+  }
+}
+
+/// Joints of a run over time at another ambient temperature, and with more standing still.
+class WarmUp {
+  constructor({ chart, kernel, numbers, more }) {
+    Object.assign(this, { chart, kernel, more, joints: numbers.map(bytes) });
+    this.said = node('p', { class: 'live soft', role: 'status' });
+    chart.area.after(this.said);
+  }
+
+  move(ambient, standing) {
+    const { chart, kernel, more } = this, ends = [], outside = [];
+    const curves = this.joints.map((numbers, i) => {
+      new Uint8Array(kernel.memory.buffer, kernel.warm_up_numbers(), kernel.warm_up_size()).set(numbers);
+      const { name, recorded, low, high } = more.joints[i];
+      kernel.warm_up_begin(ambient, standing);
+      const y = more.cycles.map((cycles) => kernel.warm_up_work(cycles));
+      ends.push(`${name} ${y.at(-1).toFixed(1)} °C (${recorded.toFixed(1)} °C)`);
+      if (y.some((at) => at < (low ?? -Infinity))) outside.push(`${name} below ${low} °C`);
+      if (y.some((at) => at > (high ?? Infinity))) outside.push(`${name} above ${high} °C`);
+      return [i, y, name];
+    });
+    chart.change(curves);
+    this.said.textContent = `At the end (in the run): ${ends.join(', ')}.` +
+      (outside.length ? ` Where nobody measured the law: ${outside.join(', ')}.` : '');
+  }
+}
+
+const moves = { law: LawCurve, 'warm-up': WarmUp };
 
 class WhatIf {
   constructor(chart, kernel) {
-    const { figure } = chart, { law, inputs } = figure.dataset;
-    Object.assign(this, { chart, kernel, inputs: JSON.parse(inputs) });
-    this.moved = chart.data.series.findIndex(({ mark }) => mark === 'line');
-    new Uint8Array(kernel.memory.buffer, kernel.law_numbers(), kernel.law_size()).set(bytes(law));
-    const chosen = this.inputs.filter(({ from, to }) => from < to);
-    chart.area.before(node('div', { class: 'live sliders' }, ...chosen.map((input) => this.slider(input))));
+    const { kind, sliders, numbers, more } = JSON.parse(chart.figure.dataset.whatIf);
+    this.sliders = sliders;
+    const chosen = sliders.filter(({ from, to }) => from < to);
+    const label = () => chosen.map((s) => (s.unit ? '' : s.name + ' ') + this.text(s)).join(', ');
+    this.curve = new moves[kind]({ chart, kernel, numbers, more, label });
+    chart.area.before(node('div', { class: 'live sliders' }, ...chosen.map((slider) => this.slider(slider))));
     this.move();
   }
 
@@ -16,24 +59,20 @@ class WhatIf {
     return value.toFixed(decimals) + (unit && ' ' + unit);
   }
 
-  slider(input) {
-    const range = node('input', { type: 'range', min: input.from, max: input.to, step: 'any' });
-    const shown = node('output', {}, this.text(input));
-    range.value = input.value;
+  slider(slider) {
+    const range = node('input', { type: 'range', min: slider.from, max: slider.to, step: 'any' });
+    const shown = node('output', {}, this.text(slider));
+    range.value = slider.value;
     range.addEventListener('input', () => {
-      input.value = Number(range.value);
-      shown.textContent = this.text(input);
+      slider.value = Number(range.value);
+      shown.textContent = this.text(slider);
       this.move();
     });
-    return node('label', {}, node('span', {}, input.name), range, shown);
+    return node('label', {}, node('span', {}, slider.name), range, shown);
   }
 
   move() {
-    const { chart, moved, kernel } = this, [temperature, load] = this.inputs;
-    const y = chart.data.series[moved].x.map((v) => kernel.friction_level(v, load.value, temperature.value));
-    const label = this.inputs.filter(({ from, to }) => from < to)
-      .map((input) => (input.unit ? '' : input.name + ' ') + this.text(input)).join(', ');
-    chart.change(moved, y, label);
+    this.curve.move(...this.sliders.map(({ value }) => value));
   }
 }
 

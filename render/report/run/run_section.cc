@@ -12,6 +12,7 @@
 #include <tribotwin/render/report/run/run_summary.hpp>
 #include <tribotwin/render/report/run/transmissions.hpp>
 #include <tribotwin/render/report/run/visited_law.hpp>
+#include <tribotwin/render/report/run/warm_up.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 
 namespace tribotwin::render {
@@ -114,7 +115,9 @@ class Section {
   Result<void> histories() {
     if (run_.record.time_s.empty()) return {};
     page_.add(to_, "h3", "Over time");
-    return show_table(page_, page_.add(to_, "div", {}, "figures"), history_figures(), {}, run_);
+    auto grid = page_.add(to_, "div", {}, "figures");
+    if (auto ok = show_table(page_, grid, history_figures(), {}, run_); !ok) return ok;
+    return runs_.all.size() == 1 ? show_warm_up(page_, grid, run_) : Result<void>{};  // several have another question
   }
 
   Result<void> transmissions() {

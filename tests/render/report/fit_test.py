@@ -276,7 +276,8 @@ check(
     and not any("Fcl" == t for t in drawing(content("one_load.html"), "Correlation")),
 )
 check_page("one load", path("one_load.html"), 0, 8)
-inputs = json.loads(html.unescape(re.search(r'data-inputs="([^"]*)"', content("one_load.html")).group(1)))
+what_if = html.unescape(re.search(r'data-what-if="([^"]*)"', content("one_load.html")).group(1))
+inputs = json.loads(what_if)["sliders"]
 check(
     "what if: the load that was not varied cannot be chosen",
     inputs[1]["name"] == "load" and inputs[1]["from"] == inputs[1]["to"] and inputs[0]["from"] < inputs[0]["to"],

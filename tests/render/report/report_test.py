@@ -32,11 +32,11 @@ check(
     "report of a run",
     r.returncode == 0
     and r.stderr == ""
-    and r.stdout.splitlines() == ["warmup/report_figures/ (19 figures)", "warmup/report.html"],
+    and r.stdout.splitlines() == ["warmup/report_figures/ (21 figures)", "warmup/report.html"],
     (r.returncode, r.stdout, r.stderr),
 )
 page = content("warmup/report.html")
-m = check_page("report", path("warmup/report.html"), 3, 8)
+m = check_page("report", path("warmup/report.html"), 3, 9)
 summary = json.loads(content("warmup/summary.json"))
 hot = max(summary["joints"], key=lambda j: j["temperature_degC"]["max"])
 if m:
@@ -67,7 +67,7 @@ check(
         content("warmup/report_figures/" + f, "rb")[:4] == (b"%PDF" if f.endswith("pdf") else b"\x89PNG")
         for f in figures
     )
-    and sum(f.endswith("pdf") for f in figures) == 8,
+    and sum(f.endswith("pdf") for f in figures) == 9,
     figures,
 )
 first = hashlib.sha256(page.encode()).hexdigest()

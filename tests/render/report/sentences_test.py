@@ -28,6 +28,7 @@ run(report, "off", "-o", "off.html", "--quiet")
 page = content("off.html")
 read = re.sub(r"<(svg|style|script).*?</\1>", "", page, flags=re.S)
 check("no share of nothing", not re.search(r"\b(inf|nan)\b", read))
+check("a run without heat has no warm-up to predict", not re.search("What if:|Not predicted", read))
 check("it is said", "without work of the motors" in opening(page)["verdict"], opening(page))
 
 # Friction that is a twentieth less power and as large in root mean square.

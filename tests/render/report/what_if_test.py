@@ -45,7 +45,7 @@ def curve(law, speeds, load, T):
 # The page's own module, in the page, under the page's own policy.
 KERNEL = """(async () => {
   const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
-  const {kernel, law} = document.querySelector('figure[data-kernel]').dataset;
+  const {kernel, whatIf} = document.querySelector('figure[data-kernel]').dataset, [law] = JSON.parse(whatIf).numbers;
   const {instance: {exports: k}, module} = await WebAssembly.instantiate(bytes(kernel));
   if (WebAssembly.Module.imports(module).length || bytes(law).length !== k.law_size()) return null;
   new Uint8Array(k.memory.buffer, k.law_numbers(), k.law_size()).set(bytes(law));
@@ -63,7 +63,7 @@ for law in LAWS:
     check(f"{law}: sliders where there is something to choose", ("data-kernel" in page) == chosen)
     if not chosen:
         continue
-    inputs = json.loads(html.unescape(re.search(r'data-inputs="([^"]*)"', page).group(1)))
+    inputs = json.loads(html.unescape(re.search(r'data-what-if="([^"]*)"', page).group(1)))["sliders"]
     (T0, T1), (l0, l1) = ((i["from"], i["to"]) for i in inputs)
     # Beyond the range too, where the law holds its inputs.
     grid, expected = [], []
