@@ -87,7 +87,7 @@ std::string why_not(const RunData& run) {
   if (!run.scenario->ambient_degC &&
       std::ranges::adjacent_find(drives, std::ranges::not_equal_to{}, T_amb) != drives.end())
     return "the scenario has no ambient_degC, and those of the drives differ";
-  if (complete_cycles(run).empty()) return "the record has less than 20 samples of a work cycle";
+  if (complete_cycles(run).empty()) return "the record has fewer than 20 samples of a work cycle";
   return "";
 }
 
