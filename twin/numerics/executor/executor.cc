@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <thread>
 #include <utility>
 
@@ -128,8 +129,14 @@ class Leader {
     ranks_.post(rank, Kind::tasks, out.take());
   }
 
-  /// Other ranks wait for an answer at most 0.5 % of the time of a task, or 1 ms.
-  long longest_us() const { return static_cast<long>(std::clamp(manager_.mean_s() * 5e3, 1000.0, 10000.0)); }
+  /// Other ranks wait for an answer at most 0.5 % of the time of a task; among few ranks, whose waiting costs less than
+  /// to look for messages that often, as long as makes the sum of both least.
+  long longest_us() const {
+    constexpr double look_us = 50;  // with two changes of context
+    const double task_us = manager_.mean_s() * 1e6;
+    return static_cast<long>(
+        std::clamp(std::max(0.005 * task_us, std::sqrt(2 * look_us * task_us / ranks_.size())), 1000.0, 10000.0));
+  }
 
   /// Whether messages were there.
   bool receive() {
