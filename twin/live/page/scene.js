@@ -2,39 +2,26 @@
 import { scaleAfter, viridis } from './colours.js';
 import { byId, drawing, element, setText, style } from './dom.js';
 import { isNumber, number, showNumber } from './format.js';
-import { Orbit } from './orbit.js';
-import { Robot } from './robot.js';
+import { View } from './view.js';
 
-const fovy_deg = 34, filled = 1.06;
-const mostPixels = 4e6, softwarePixels = 1e6;
 const softwareEvery_ms = 100;  // a processor that draws has other work too
-
-/// A context of WebGL on this canvas, or null.
-function contextOf(canvas) {
-  const wanted = { antialias: true, alpha: true, powerPreference: 'low-power' };
-  return canvas.getContext('webgl2', wanted) ?? canvas.getContext('webgl', wanted);
-}
-
-function isSoftware(gl) {
-  const more = gl.getExtension('WEBGL_debug_renderer_info');
-  return /swiftshader|llvmpipe|softpipe|software/i.test(more ? gl.getParameter(more.UNMASKED_RENDERER_WEBGL) : '');
-}
 
 export class Scene {
   /// choose(joint): somebody picked it in the picture.
   constructor(choose) {
-    Object.assign(this, { choose, robot: null, newest: null, selected: null, warmest: null, session: 0, drawings: 0 });
+    Object.assign(this, { choose, newest: null, selected: null, warmest: null, session: 0, drawings: 0 });
     this.wrong = new Map();
     this.values = new Map();
     this.labels = new Map();
     this.canvas = byId('scene_canvas');
     this.views = 0;  // that were asked for by hand
-    this.retheme();
     const turned = () => {
       this.canvas.dataset.asked = ++this.views;
       this.dirty = true;
     };
-    this.orbit = new Orbit(this.canvas, turned, (x, y) => this.pick(x, y));
+    this.view = new View(this.canvas, turned, (x, y) => this.pick(x, y));
+    this.orbit = this.view.orbit;
+    this.retheme();
     this.canvas.addEventListener('keydown', (event) => this.key(event));
     this.canvas.addEventListener('webglcontextlost', (event) => {
       event.preventDefault();
@@ -52,6 +39,8 @@ export class Scene {
     new IntersectionObserver((seen) => { this.seen = seen.at(-1).isIntersecting; }).observe(this.canvas);
   }
 
+  get robot() { return this.view.robot; }
+
   say(text) {
     setText(byId('scene_problem'), text);
     byId('scene_problem').hidden = !text;
@@ -66,8 +55,7 @@ export class Scene {
     byId('robot').hidden = !(hello.bodies > 0);
     if (!(hello.bodies > 0)) return;
     try {
-      if (!this.renderer) await this.start();
-      if (!this.renderer) return;
+      if (!this.view.renderer && !(await this.start())) return;
       const answer = await fetch('/geometry.json' + location.search);
       if (!answer.ok) throw new Error(`geometry.json: ${answer.status} ${answer.statusText}`);
       const geometry = await answer.json();
@@ -78,54 +66,27 @@ export class Scene {
     }
   }
 
+  /// False where the browser has no WebGL.
   async start() {
-    const context = contextOf(this.canvas);
-    if (!context) {
-      byId('robot').classList.add('none');
-      return this.say('This browser has no WebGL, so the robot is not drawn. All else works.');
-    }
-    await import('./three.min.js');
-    const THREE = this.THREE = globalThis.THREE;
-    this.software = isSoftware(context);
-    this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, context, antialias: true, alpha: true });
-    this.scene = new THREE.Scene();
-    this.camera = new THREE.PerspectiveCamera(fovy_deg, 1, 0.01, 100);
-    this.camera.up.set(0, 0, 1);
-    const key = new THREE.DirectionalLight(0xffffff, 0.45), fill = new THREE.DirectionalLight(0xdfe8ff, 0.15);
-    key.position.set(-0.42, -0.38, 1);
-    fill.position.set(0.7, -0.5, 0.35);
-    const head = this.head = new THREE.DirectionalLight(0xffffff, 0.35);  // comes with the eye
-    this.scene.add(key, fill, head, head.target, new THREE.HemisphereLight(0xffffff, 0x9098a8, 0.5));
+    if (await this.view.start(() => import('./three.min.js').then(() => globalThis.THREE))) return true;
+    byId('robot').classList.add('none');
+    this.say('This browser has no WebGL, so the robot is not drawn. All else works.');
+    return false;
   }
 
   forget() {
     this.newest = this.scale = null;
     this.seenLast = {};
     if (!this.robot) return;
-    this.scene.remove(this.robot.root);
-    this.robot.dispose();
-    this.forgetFloor();
-    this.renderer.renderLists.dispose();
-    this.robot = null;
+    this.view.forget();
     this.selected = this.warmest = null;
     for (const map of [this.wrong, this.values, this.labels]) map.clear();
     byId('scene_labels').replaceChildren();
     byId('scene_lines').replaceChildren();
   }
 
-  forgetFloor() {
-    if (!this.floor) return;
-    this.scene.remove(this.floor);
-    this.floor.geometry.dispose();
-    this.floor.material.dispose();
-    this.floor = null;
-  }
-
   build(geometry) {
-    this.robot = new Robot(this.THREE, geometry);
-    this.scene.add(this.robot.root);
-    this.eye = geometry.eye;
-    this.framed = false;
+    this.view.build(geometry);
     for (const joint of this.joints) this.label(joint);
     const simpler = geometry.meshes.filter((mesh) => mesh.faces.length / 3 < mesh.faces_of_model).length;
     const notes = [simpler && `${simpler} of ${geometry.meshes.length} meshes are drawn simplified`,
@@ -152,43 +113,12 @@ export class Scene {
     this.dirty = true;
   }
 
-  frame() {
-    const box = this.robot.box(), { THREE } = this;
-    if (box.isEmpty()) box.set(new THREE.Vector3(-0.5, -0.5, 0), new THREE.Vector3(0.5, 0.5, 1));
-    const ball = box.getBoundingSphere(new THREE.Sphere());
-    this.radius = Math.max(ball.radius, 1e-3);
-    this.orbit.place(ball.center.toArray(), this.distance(box, ball.center), this.eye);
-    this.forgetFloor();
-    const size = 10 ** Math.ceil(Math.log10(this.radius)) / 2;
-    const lines = 2 * Math.ceil(2.2 * this.radius / size * 5);
-    this.floor = new THREE.GridHelper(lines * size / 5, lines);
-    this.floor.rotateX(Math.PI / 2);
-    this.floor.position.z = Math.min(0, box.min.z);
-    this.retheme();
-    this.scene.add(this.floor);
-    this.framed = true;
-  }
-
-  /// From which all corners of the box are in the picture.
-  distance(box, centre) {
-    const { THREE, eye } = this, back = new THREE.Vector3(...eye).normalize();
-    const right = new THREE.Vector3(0, 0, 1).cross(back).normalize(), up = back.clone().cross(right);
-    const slope = Math.tan(this.camera.fov * Math.PI / 360);
-    const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((i) => new THREE.Vector3(box[i & 1 ? 'max' : 'min'].x,
-      box[i & 2 ? 'max' : 'min'].y, box[i & 4 ? 'max' : 'min'].z).sub(centre));
-    return filled * Math.max(...corners.map((corner) => corner.dot(back) + Math.max(
-      Math.abs(corner.dot(right)) / (slope * this.camera.aspect), Math.abs(corner.dot(up)) / slope)));
-  }
-
   /// The picture's own lines are as those of the page.
   retheme() {
     this.theme = { bad: style('--bad'), ink: style('--ink') };
     this.dirty = true;
-    if (!this.floor) return;
-    this.floor.material.vertexColors = 0;
-    this.floor.material.color.set(style('--line'));
-    this.floor.material.needsUpdate = true;
-    this.mark();
+    this.view.rule(style('--line'));
+    if (this.robot) this.mark();
   }
 
   /// value(joint, name): the newest one. wrong: [joint, what] of all that is.
@@ -246,31 +176,20 @@ export class Scene {
   /// To be called with every picture of the browser.
   draw(now) {
     if (!this.dirty || document.hidden || !this.seen || now < (this.next ?? 0)) return;
-    this.next = this.software ? now + softwareEvery_ms : 0;
+    this.next = this.view.software ? now + softwareEvery_ms : 0;
     this.render();
   }
 
   render() {
-    const { canvas, renderer, camera, orbit, robot } = this;
+    const { canvas, view, robot } = this;
     const width = canvas.clientWidth, height = canvas.clientHeight;
     if (!robot || !this.newest || !width || !height) return;
     if (this.newest.bodies !== robot.bodies.length) return this.say('Poses of another robot came.');
-    robot.pose(this.newest.values);
-    this.resize(width, height);
-    if (!this.framed) this.frame();
-    camera.position.set(...orbit.eye());
-    this.head.position.set(...orbit.eye());
-    this.head.target.position.set(...orbit.target);
-    camera.lookAt(...orbit.target);
-    camera.near = Math.max(orbit.distance / 100, orbit.distance - 20 * this.radius);
-    camera.far = orbit.distance + 20 * this.radius;
-    camera.updateProjectionMatrix();
-    camera.updateMatrixWorld();
-    renderer.render(this.scene, camera);
+    view.draw(this.newest.values, width, height);
     this.placeLabels(width, height);
     this.dirty = false;
     Object.assign(canvas.dataset, { row: this.newest.row, drawings: ++this.drawings, view: this.views,
-      geometries: renderer.info.memory.geometries });
+      geometries: view.renderer.info.memory.geometries });
   }
 
   /// A copy for paper: what WebGL has drawn is gone once it was shown.
@@ -281,25 +200,12 @@ export class Scene {
     if (this.drawings) paper.getContext('2d').drawImage(this.canvas, 0, 0);
   }
 
-  resize(width, height) {
-    const most = this.software ? softwarePixels : mostPixels;
-    const ratio = Math.min(devicePixelRatio || 1, Math.sqrt(most / (width * height)));
-    if (this.size === `${width} ${height} ${ratio}`) return;
-    this.size = `${width} ${height} ${ratio}`;
-    this.renderer.setPixelRatio(ratio);
-    this.renderer.setSize(width, height, false);
-    this.camera.aspect = width / height;
-    // What fits into a square fits into the picture, whichever side is longer.
-    const half = Math.tan(fovy_deg * Math.PI / 360) / Math.min(1, width / height);
-    this.camera.fov = 360 / Math.PI * Math.atan(half);
-  }
-
   /// Those that matter beside their housings, none over another.
   placeLabels(width, height) {
     const all = byId('scene_names').ariaPressed === 'true', taken = [];
     const placed = [...this.labels].map(([joint, label]) => ({ joint, label, at: this.robot.middle(joint) }));
     for (const each of placed) {
-      each.at?.project(this.camera);
+      each.at?.project(this.view.camera);
       const matters = all || this.wrong.has(each.joint) || [this.warmest, this.selected].includes(each.joint);
       each.shown = Boolean(each.at) && matters && Math.abs(each.at.z) <= 1;
       each.label.box.hidden = !each.shown;
@@ -323,10 +229,7 @@ export class Scene {
 
   /// The joint of the part at this place of the picture.
   pick(x, y) {
-    if (!this.robot || !this.framed) return;
-    const { THREE, canvas } = this, ray = new THREE.Raycaster();
-    ray.setFromCamera({ x: 2 * x / canvas.clientWidth - 1, y: 1 - 2 * y / canvas.clientHeight }, this.camera);
-    const joint = ray.intersectObjects(this.robot.pickable)[0]?.object.userData.joint;
+    const joint = this.robot && this.view.framed ? this.view.pick(x, y) : null;
     if (joint && this.joints.includes(joint)) this.choose(joint);
   }
 
