@@ -2,7 +2,7 @@
 #include <sstream>
 
 #include <fmt/format.h>
-#include <glib.h>
+#include <gio/gio.h>
 
 #include <tribotwin/render/page/page.hpp>
 #include <tribotwin/render/page/script.hpp>
@@ -136,6 +136,15 @@ svg.live .chosen { fill: SOFT; fill-opacity: .2; }
 .alive p.live { font-size: .92rem; margin: .4rem 0; max-width: none; }
 .sliders label { display: flex; flex: 1 1 300px; min-width: 0; align-items: center; gap: 8px; font-size: .92rem; }
 .sliders input { flex: 1; min-width: 60px; accent-color: var(--s0); }
+.robot canvas { display: block; width: 100%; height: min(62vw, 560px); border-radius: 5px; cursor: grab;
+  touch-action: pan-y; }
+.robot canvas:focus { touch-action: none; }
+.robot canvas:active { cursor: grabbing; }
+.robot .bar { font-size: .9rem; }
+.robot .strip { height: 12px; border-radius: 3px; margin: 0 1.2rem; }
+.robot .marks { position: relative; height: 1.4em; font-size: .82rem; }
+.robot .marks span { position: absolute; left: calc(1.2rem + (100% - 2.4rem) * var(--at));
+  transform: translateX(-50%); }
 .sliders output { min-width: 8ch; text-align: right; font-variant-numeric: tabular-nums; }
 .head strong { min-width: 0; overflow-wrap: anywhere; }
 .tools { white-space: nowrap; }
@@ -175,6 +184,7 @@ DRAWN
 @media print {
   .alive .live, .alive .live.head, .alive .live.sliders { display: none; }
   .alive .drawn { display: block; }
+  .robot { display: none; }
   @page { margin: 11mm; }
   body { background: PAPER; font-size: 10.5pt; }
   main { max-width: none; padding: 0; }
@@ -288,6 +298,17 @@ std::string base64(std::string_view bytes) {
   const std::unique_ptr<char, decltype(&g_free)> text(
       g_base64_encode(reinterpret_cast<const guchar*>(bytes.data()), bytes.size()), g_free);
   return text.get();
+}
+
+std::string deflated(std::string_view bytes) {
+  const std::unique_ptr<GZlibCompressor, decltype(&g_object_unref)> zlib(
+      g_zlib_compressor_new(G_ZLIB_COMPRESSOR_FORMAT_ZLIB, 9), g_object_unref);
+  std::string packed(bytes.size() + bytes.size() / 1000 + 64, '\0');  // zlib makes nothing longer than that
+  gsize read = 0, written = 0;
+  g_converter_convert(G_CONVERTER(zlib.get()), bytes.data(), bytes.size(), packed.data(), packed.size(),
+                      G_CONVERTER_INPUT_AT_END, &read, &written, nullptr);
+  packed.resize(written);
+  return packed;
 }
 
 std::string without_folders(const std::string& text) {
@@ -404,10 +425,27 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
   }
 }
 
-void Page::allow_kernel() {
+void Page::allow(const std::string& source) {
   auto content = policy_.attribute("content");
-  constexpr std::string_view allowed = " 'wasm-unsafe-eval'";
-  if (std::string policy = content.value(); !policy.ends_with(allowed)) content = policy.append(allowed).c_str();
+  if (std::string policy = content.value(); policy.find(source) == policy.npos)
+    content = (policy + " " + source).c_str();
+}
+
+void Page::allow_kernel() { allow("'wasm-unsafe-eval'"); }
+
+void Page::add_robot(pugi::xml_node to, const std::string& packed, const std::string& caption) {
+  auto figure = add(to, "figure", {}, "robot");
+  figure.append_attribute("hidden") = "";
+  figure.append_attribute("data-robot") = base64(packed).c_str();
+  add(figure, "figcaption", caption);
+  auto body = main_.parent();
+  if (body.find_child_by_attribute("class", "library")) return;
+  const std::string_view library = twin::live::page_file("/three.min.js")->content;
+  allow("'sha256-" + sha256_base64(std::string(library)) + "'");
+  auto box = add(body, "div", {}, "library");
+  box.append_attribute("hidden") = "";
+  box.append_attribute("data-licence") = std::string(twin::live::page_file("/three.licence.txt")->content).c_str();
+  box.append_attribute("data-three") = base64(deflated(library)).c_str();
 }
 
 std::string Page::html() const {

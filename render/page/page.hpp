@@ -13,6 +13,9 @@ namespace tribotwin::render {
 /// As attributes carry bytes.
 std::string base64(std::string_view bytes);
 
+/// Compressed, as browsers unpack it: zlib's format (RFC 1950).
+std::string deflated(std::string_view bytes);
+
 /// The text with absolute paths shortened to "mjcf/NAME" of what ships, and to names of files else: a page says nothing
 /// about the machine that made it.
 std::string without_folders(const std::string& text);
@@ -45,9 +48,18 @@ class Page {
   /// Lets the script compile the kernel that the page carries (what_if.hpp).
   void allow_kernel();
 
+  /// A robot in 3-D for robot_figure.js: `packed` is deflated() JSON {geometry, joints, scale, moments}, of which
+  /// geometry is that of twin/live/protocol, scale [degC, degC] and a moment {time, degC of each joint, pose: position
+  /// [m] and quaternion w x y z of each body}. Nothing is shown without scripts or WebGL, nor on paper. The page then
+  /// carries three.js, and its policy lets it run.
+  void add_robot(pugi::xml_node to, const std::string& packed, const std::string& caption);
+
   std::string html() const;
 
  private:
+  /// Of scripts, as content security policies name it.
+  void allow(const std::string& source);
+
   pugi::xml_document document_;
   pugi::xml_node main_, policy_;
   int figures_ = 0;

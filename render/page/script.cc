@@ -25,7 +25,8 @@ std::string unbound(std::string_view module) {
 
 std::string script() {
   std::string text = "'use strict';\n{\n";
-  for (const char* shared : {"/scale.js", "/colours.js"}) text += unbound(twin::live::page_file(shared)->content);
+  for (const char* shared : {"/scale.js", "/colours.js", "/orbit.js", "/robot.js", "/view.js"})
+    text += unbound(twin::live::page_file(shared)->content);
   for (const auto& file : script_files()) text += unbound(file.content);
   return text + "}\n";
 }

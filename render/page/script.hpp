@@ -7,10 +7,10 @@
 
 namespace tribotwin::render {
 
-/// What the build embeds: report.js.
+/// What the build embeds: report.js, what_if.js, robot_figure.js.
 std::span<const twin::live::PageFile> script_files();
 
-/// The script of a page, in one piece: report.js and the files of the live page that it uses.
+/// The script of a page, in one piece: these and the files of the live page that it uses.
 std::string script();
 
 }  // namespace tribotwin::render

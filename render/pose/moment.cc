@@ -104,4 +104,17 @@ std::vector<double> Moments::film_times(std::size_t frames, std::size_t cycle_fr
   return times;
 }
 
+std::vector<double> Moments::strobe_times(std::size_t count, std::size_t per_cycle) const {
+  std::vector<double> times;
+  const double step_s = (end_s() - begin_s()) / static_cast<double>(count - 1);
+  const bool fast = period_s_ > 0 && step_s >= period_s_;
+  for (std::size_t i = 0; i + 1 < count; ++i) {
+    const double even_s = static_cast<double>(i) * step_s,
+                 share = static_cast<double>(i % per_cycle) / static_cast<double>(per_cycle);
+    times.push_back(begin_s() + (fast ? (std::floor(even_s / period_s_) + share) * period_s_ : even_s));
+  }
+  times.push_back(end_s());
+  return times;
+}
+
 }  // namespace tribotwin::render

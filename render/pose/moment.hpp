@@ -32,6 +32,9 @@ class Moments {
   /// The times of a film of `frames`: all from begin to end or, where the motion is too fast for that, whole work
   /// cycles at moments evenly in time, each over `cycle_frames`.
   std::vector<double> film_times(std::size_t frames, std::size_t cycle_frames) const;
+  /// `count` times from begin to end. Where the motion repeats and is too fast for that, each is in a later work cycle
+  /// than the one before and 1/`per_cycle` of a cycle farther in it, as a stroboscope shows it; else evenly.
+  std::vector<double> strobe_times(std::size_t count, std::size_t per_cycle) const;
 
  private:
   struct Sampled {

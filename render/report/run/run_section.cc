@@ -8,6 +8,7 @@
 #include <tribotwin/render/process/child.hpp>
 #include <tribotwin/render/report/run/health.hpp>
 #include <tribotwin/render/report/run/histories.hpp>
+#include <tribotwin/render/report/run/robot_in_3d.hpp>
 #include <tribotwin/render/report/run/run_section.hpp>
 #include <tribotwin/render/report/run/run_summary.hpp>
 #include <tribotwin/render/report/run/transmissions.hpp>
@@ -68,10 +69,12 @@ class Section {
   Result<void> poses() {
     if (!run_.model() || run_.record.time_s.empty()) return {};
     page_.add(to_, "h3", "Poses");
-    auto grid = page_.add(to_, "div", {}, "figures");
     PoseOptions look;
     look.text_scale = 1.4;  // the page shows them smaller than they are
     look.scale = scale_of(*run_.model(), run_.record, ColourBy::temperature);
+    const Moments moments(*run_.model(), run_.record);
+    if (runs_.all.size() == 1) show_robot(page_, to_, *run_.model(), moments, look.scale);
+    auto grid = page_.add(to_, "div", {}, "figures");
     look.view.whole = outline(*run_.model(), run_.record);
     const auto failed = [&](const std::string& why) -> Result<void> {
       notes_.push_back(why);
@@ -81,7 +84,6 @@ class Section {
     const auto model = run_.scenario->model;
     auto painter = PosePainter::create(model, {1440, 960});
     if (!painter) return failed(painter.error().message);
-    const Moments moments(*model, run_.record);
     for (const bool end : {false, true}) {
       const PoseState state = moments.at(end ? moments.end_s() : moments.begin_s());
       const auto image = painter->draw(state, look);

@@ -1,5 +1,5 @@
-"""What the script of a page adds: values under the pointer, one cursor in time, zoom, keys that hide, tables that sort;
-and the policy that lets no other script run. Arguments: tribotwin, tribotwin-report."""
+"""What the script of a page adds: values under the pointer, one cursor in time, zoom, keys that hide, tables that sort,
+the robot in 3-D; and the policy that lets no other script run. Arguments: tribotwin, tribotwin-report, source tree."""
 import base64, hashlib, os, re, sys
 
 import h5py
@@ -7,8 +7,9 @@ import numpy as np
 
 from browser import Browser
 from harness import check, content, finish, path, run, work
+from robot_checks import check_robot, unpacked, with_many_triangles
 
-twin, report = sys.argv[1:3]
+twin, report, source = sys.argv[1:4]
 browser = Browser(work, check)
 tab = browser.tab
 
@@ -20,10 +21,14 @@ browser.open(path("warmup/report.html"))
 
 # Only the page's own script runs.
 script = re.search(r"<script>(.*?)</script>", page, re.S).group(1)
-digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+digest, three = (
+    base64.b64encode(hashlib.sha256(text).digest()).decode() for text in (script.encode(), unpacked(page, "three"))
+)
 policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page).group(1)
 check(
-    "the policy allows this script alone", policy.endswith(f"script-src 'sha256-{digest}' 'wasm-unsafe-eval'"), policy
+    "the policy allows this script, its module and three.js alone",
+    policy.endswith(f"script-src 'sha256-{digest}' 'wasm-unsafe-eval' 'sha256-{three}'"),
+    policy,
 )
 check("the warm-up's page is small", os.path.getsize(path("warmup/report.html")) < 3e6)
 opened_ms = tab.value("performance.getEntriesByType('navigation')[0].loadEventEnd")
@@ -126,4 +131,17 @@ tab.command("Emulation.setEmulatedMedia", media="print")
 onPaper = "[...document.querySelectorAll('main svg')].filter(s => getComputedStyle(s).display !== 'none' && "
 onPaper += "s.getBoundingClientRect().width).every(s => s.matches('.drawn'))"
 check("on paper there are gnuplot's drawings", tab.value(onPaper))
+tab.command("Emulation.setEmulatedMedia", media="")
+
+# The robot in 3-D.
+check_robot(check, tab, page, path("warmup/telemetry.h5"), "joint2", lambda: browser.open(path("warmup/report.html")))
+with open(path("large.xml"), "w") as f:
+    f.write(with_many_triangles(os.path.join(source, "mjcf")))
+large = ("--set", "model=" + path("large.xml"), "--set", "duration_s=2", "--set", "multirate.enabled=false")
+run(twin, "run", "irb6620_warmup", "-o", "large", *large, "--quiet")
+r = run(report, "large")
+page = content("large/report.html")
+check("a robot too large for a page is not in it", r.returncode == 0 and 'data-robot="' not in page, r.stderr)
+said = re.findall(r"The robot is not shown in 3-D: its shapes and poses need (\d+) kB compressed", page)
+check("and the page says why", len(said) == 1 and int(said[0]) > 300, said)
 finish()

@@ -55,7 +55,11 @@ for folder, changes in CHANGES.items():
     made("er3a_c60_day", folder, {"duration_s": 5400, **changes})
 page = page_of("day")
 policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page).group(1)
-check("the policy allows one script and its module", re.search(r"script-src 'sha256-\S+' 'wasm-unsafe-eval'$", policy))
+check(
+    "the policy allows one script, its module and three.js",
+    re.search(r"script-src 'sha256-\S+' 'wasm-unsafe-eval' 'sha256-\S+'$", policy),
+    policy,
+)
 what_if = json.loads(html.unescape(re.search(r'data-what-if="([^"]*)"', page).group(1)))
 joints, numbers = [j["name"] for j in what_if["more"]["joints"]], what_if["numbers"]
 check("every joint is predicted", joints == [f"joint{i}" for i in range(1, 7)], joints)

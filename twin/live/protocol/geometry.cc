@@ -21,8 +21,6 @@ using Json = nlohmann::ordered_json;
 using Vertex = std::array<float, 3>;
 using Face = std::array<int, 3>;
 
-constexpr int groups_shown = 3;  // as MuJoCo's viewer does by default: 0, 1, 2
-
 struct Mesh {
   std::vector<Vertex> vertices;
   std::vector<Face> faces;
@@ -145,8 +143,8 @@ std::array<float, 4> colour_of(const mjModel* m, int geom) {
   return {own[0], own[1], own[2], own[3]};
 }
 
-bool is_shown(const mjModel* m, int geom) {
-  return m->geom_group[geom] >= 0 && m->geom_group[geom] < groups_shown && colour_of(m, geom)[3] > 0;
+bool is_shown(const mjModel* m, int geom, int groups) {
+  return m->geom_group[geom] >= 0 && m->geom_group[geom] < groups && colour_of(m, geom)[3] > 0;
 }
 
 Json numbers(const mjtNum* from, int count) { return std::vector<double>(from, from + count); }
@@ -205,7 +203,7 @@ class Writer {
     Json geoms = Json::array();
     for (int i = 0; i < m_->body_geomnum[body]; ++i) {
       const int geom = m_->body_geomadr[body] + i;
-      if (!is_shown(m_, geom)) continue;
+      if (!is_shown(m_, geom, limits_.groups)) continue;
       if (geoms_ >= limits_.geoms || !type_name(m_->geom_type[geom])) {
         ++left_out_;
         continue;
