@@ -135,7 +135,7 @@ check("the warm-up's page is below 3 MB", os.path.getsize(path("one.html")) < 3e
 r = run(twin, "run", "irb6620_warmup", "-o", "hot", "--quiet", "--set", "ambient_degC=45")
 hot = json.loads(content("hot/summary.json"))["joints"][1]["temperature_degC"]["end"]
 browser.open(path("one.html"))
-browser.tab.until("document.querySelectorAll('.sliders input').length == 2")
+browser.tab.until("document.querySelectorAll('[data-kernel] .sliders input').length == 2")
 said = "document.querySelector('figure[data-kernel] p[role=status]').innerText"
 warm = summaries["healthy"]["joints"][1]["temperature_degC"]["end"]
 told = browser.tab.value(said)

@@ -115,7 +115,7 @@ SHOWN = """(() => { const f = document.querySelector('figure[data-kernel]');
   return {lines: paths.filter(d => d), said: f.querySelector('p[role=status]').innerText,
     names: [...f.querySelectorAll('.sliders label span')].map(s => s.textContent),
     values: [...f.querySelectorAll('.sliders output')].map(o => o.textContent)}; })()"""
-check("sliders appear", tab.until("document.querySelectorAll('.sliders input').length == 2"))
+check("sliders appear", tab.until("document.querySelectorAll('[data-kernel] .sliders input').length == 2"))
 before = tab.value(SHOWN)
 check("they choose the room and pauses", before["names"] == ["ambient temperature", "standing still"], before["names"])
 check("at first the run's own values", before["values"] == ["20.0 °C", "0 min per h"], before["values"])
