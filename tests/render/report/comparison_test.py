@@ -9,6 +9,7 @@ from browser import Browser, opening
 import harness
 from harness import check, content, finish, path, work
 from numbers_of_page import Numbers, change, duration, energy
+from robot_checks import unpacked
 
 twin, report, source = sys.argv[1:4]
 browser = Browser(work, check)
@@ -240,6 +241,8 @@ n.take(
 )
 n.match("version", r"tribotwin (\d+\.\d+\.\d+) ", lambda v: True)
 take_run(n, "healthy")
+robot = json.loads(unpacked(page, "robot"))
+n.take("moments of the robot in 3-D", f"{len(robot['moments'])} moments from the beginning to the end")
 n.take(
     "what the scenario is",
     "irb6620_warmup",
