@@ -304,9 +304,9 @@ TEST(Levels, SurviveAnyNumbers) {
           for (std::size_t n = i; n < r.size(); ++n) r.time_s[n] += 100;
           break;
         case 3:
+          const std::size_t end = std::min(r.size(), i + 1 + random() % 200);
           for (auto* c : {&r.time_s, &r.position_rad, &r.velocity_rad_s, &r.torque_nm, &r.temperature_degC})
-            c->erase(c->begin() + static_cast<std::ptrdiff_t>(i),
-                     c->begin() + static_cast<std::ptrdiff_t>(std::min(r.size(), i + 1 + random() % 200)));
+            c->erase(c->begin() + static_cast<std::ptrdiff_t>(i), c->begin() + static_cast<std::ptrdiff_t>(end));
           break;
       }
       if (r.size() < 3) break;
