@@ -3,6 +3,7 @@
 #include <cmath>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -25,7 +26,7 @@ namespace {
 
 constexpr double room_low_degC = 5, room_high_degC = 45;  ///< between which the ambient temperature may be chosen
 constexpr double standing_max_min_h = 50;
-/// Largest difference from whole runs at other ambient temperatures and with other pauses (what_if_test.py).
+/// Largest difference from whole runs at other ambient temperatures and with other pauses (warm_up_test.py).
 constexpr double accuracy_K = 0.5;
 /// A joint that warmed by less has no warm-up to predict.
 constexpr double warmed_min_K = 1;
@@ -79,7 +80,7 @@ struct Predicted {
 };
 
 /// What forbids the prediction of every joint; empty where nothing does.
-std::string why_not(const RunData& run) {
+std::string why_not(const RunData& run, std::span<const CompleteCycle> cycles) {
   const auto changes = [](const twin::Event& e) { return !std::holds_alternative<twin::Marker>(e.what); };
   if (std::ranges::any_of(run.scenario->events, changes)) return "an event of the scenario changes the run";
   const auto T_amb = [](const mujoco::Binding& d) { return d.drive.thermal.T_amb_degC; };
@@ -87,18 +88,18 @@ std::string why_not(const RunData& run) {
   if (!run.scenario->ambient_degC &&
       std::ranges::adjacent_find(drives, std::ranges::not_equal_to{}, T_amb) != drives.end())
     return "the scenario has no ambient_degC, and those of the drives differ";
-  if (complete_cycles(run).empty()) return "the record has fewer than 20 samples of a work cycle";
+  if (cycles.empty()) return "the record has fewer than 20 samples of a work cycle";
   return "";
 }
 
 class Forecast {
  public:
-  explicit Forecast(const RunData& run) : run_(run) {
+  explicit Forecast(const RunData& run) : run_(run), cycles_(complete_cycles(run)) {
     std::vector<std::size_t> warmed;
     for (std::size_t i = 0; i < run.joints.size(); ++i)
       if (has_warmed(i)) warmed.push_back(i);
     if (warmed.empty()) return;
-    if (const std::string why = why_not(run); !why.empty()) {
+    if (const std::string why = why_not(run, cycles_); !why.empty()) {
       reasons_.push_back(why + ".");
       return;
     }
@@ -142,7 +143,7 @@ class Forecast {
     const JointHistory& joint = run_.joints[i];
     const auto& drive = run_.model()->drives()[*twin::find_drive(*run_.model(), joint.name)].drive;
     if (drive.winding.present()) return leave_out(joint.name, "the winding of its motor heats it, too");
-    const LawPower law(drive, joint, complete_cycles(run_).back());
+    const LawPower law(drive, joint, cycles_.back());
     const auto ratios = ratios_of(joint, law);
     const auto lawful = [](const Ratio& r) { return std::abs(r.value - 1) <= ratio_error_max; };
     if (ratios.empty() || !std::ranges::all_of(ratios, lawful))
@@ -216,6 +217,7 @@ class Forecast {
   }
 
   const RunData& run_;
+  std::vector<CompleteCycle> cycles_;
   double cycle_s_ = 0, ambient_degC_ = 0;
   bool starts_at_ambient_ = true;
   std::vector<Predicted> joints_;
@@ -294,11 +296,9 @@ std::string difference(const Forecast& f) {
 std::string caption(const Forecast& f) {
   return fmt::format(
       "Lines: the temperature of each joint that changed by {:g} K or more, predicted from this run's friction power "
-      "and "
-      "its law. Circles: the run itself; they differ by {}. Thin dashed: {} at other ambient temperatures. With "
-      "scripts, "
-      "sliders set the ambient temperature{}, and minutes of standing still per hour, spread evenly between the work "
-      "cycles. Whole runs of the robots that ship agree within {:g} K.",
+      "and its law. Circles: the run itself; they differ by {}. Thin dashed: {} at other ambient temperatures. With "
+      "scripts, sliders set the ambient temperature{}, and minutes of standing still per hour, spread evenly between "
+      "the work cycles. Whole runs of the robots that ship agree within {:g} K.",
       warmed_min_K, difference(f), hottest(f).name,
       f.starts_at_ambient() ? ", at which joints also start" : " (joints start as warm as in the run)", accuracy_K);
 }
