@@ -27,7 +27,7 @@ sanitized=(twin_io_telemetry_telemetry_test hil_can_can_test plugins_mujoco_mujo
 # GCC 12 gives false warnings under sanitizers: no errors there.
 cmake -S . -B build/sanitized "${options[@]}" -DCMAKE_BUILD_TYPE=Sanitized -DTRIBOTWIN_BUILD_REPORTS=OFF \
   -DCMAKE_COMPILE_WARNING_AS_ERROR=OFF \
-  -DCMAKE_CXX_FLAGS="-O1 -g1 -fsanitize=address,undefined -fno-sanitize-recover=all" > /dev/null
+  -DCMAKE_CXX_FLAGS="-g1 -fsanitize=address,undefined -fno-sanitize-recover=all" > /dev/null
 cmake --build build/sanitized --target "${sanitized[@]}"
 export LSAN_OPTIONS=suppressions=$root/tests/render/lsan.txt:print_suppressions=0
 build/sanitized/tests/twin_io_telemetry_telemetry_test --gtest_brief=1

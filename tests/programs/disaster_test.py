@@ -42,7 +42,7 @@ def undisturbed(variant):
 
 def chosen(count):
     """Of many calls, at night the first and last 15 and 30 between; by day fewer."""
-    few, ends, between = (40, 15, 30) if nightly else (4, 2, 4)
+    few, ends, between = (40, 15, 30) if nightly else (4, 1, 2)
     if count <= few:
         return list(range(1, count + 1))
     inner = range(ends + 1, count - ends + 1)
