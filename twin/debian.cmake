@@ -28,7 +28,8 @@ set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME tribotwin)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SECTION science)
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS "gnuplot-nox | gnuplot-qt | gnuplot-x11, fonts-dejavu-core")
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS
+  "gnuplot-nox | gnuplot-qt | gnuplot-x11, fonts-dejavu-core, libosmesa6")   # the last is loaded by name
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS "ffmpeg, chromium, libtribotwin-dev, tribotwin-mpi")
 set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "Simulates robots on MuJoCo whose gears have friction that depends on speed,
 load and temperature and warms them; identifies its parameters from

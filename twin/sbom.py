@@ -8,15 +8,23 @@ import json, os, re, subprocess, sys
 from urllib.parse import quote
 
 PROGRAMS = ("tribotwin", "tribotwin-hil", "tribotwin-report")
+BY_NAME = {"bin/tribotwin-report": ["libOSMesa.so.8"]}  # what they load while they run
 
 
 def output(*command):
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
-def libraries(program):
-    """Files that the dynamic linker loads with it."""
-    return {os.path.realpath(path) for path in re.findall(r"(/\S+) \(0x", output("ldd", program))}
+def libraries(file):
+    """What the dynamic linker loads with it."""
+    return {os.path.realpath(path) for path in re.findall(r"(/\S+) \(0x", output("ldd", file))}
+
+
+def loaded_by(build, program):
+    """All files that the dynamic linker loads with it, or while it runs."""
+    known = output("/sbin/ldconfig", "-p")
+    by_name = [re.search(rf"{re.escape(name)} .*=> (.*)", known)[1] for name in BY_NAME.get(program, [])]
+    return libraries(f"{build}/{program}").union(map(os.path.realpath, by_name), *map(libraries, by_name))
 
 
 def compiled_in(build, targets):
@@ -67,7 +75,7 @@ def main(build):
     programs = [f"bin/{p}" for p in PROGRAMS if os.path.exists(f"{build}/bin/{p}")]
     if not programs:
         sys.exit(f"sbom.py: {build}: holds no bin/tribotwin; name the folder of a finished build")
-    loaded = packages_of(set().union(*(libraries(f"{build}/{p}") for p in programs)))
+    loaded = packages_of(set().union(*(loaded_by(build, p) for p in programs)))
     inside = packages_of(compiled_in(build, programs)) - loaded
     version = output(f"{build}/{programs[0]}", "--version").split()[1]
     document = {

@@ -14,7 +14,8 @@ int execute(const Arguments& a) {
   const auto run = run_with_model(a.target);
   const PoseOptions options = run_options(a, *run);
   twin::Progress progress(a.quiet, "poses");
-  auto sheet = contact_sheet(run->scenario->model, Moments(*run->model(), run->record).evenly(a.count), options, size,
+  auto painter = twin::or_throw(PosePainter::create(run->scenario->model, size));
+  auto sheet = contact_sheet(painter, Moments(*run->model(), run->record).evenly(a.count), options,
                              [&](double share) { progress(share); });
   write(a.output, png(twin::or_throw(std::move(sheet))));
   return twin::done;

@@ -175,6 +175,8 @@ Result<Renderer> Renderer::create(const mjModel* model, Size size, Quality quali
   return Renderer(std::move(impl));
 }
 
+void Renderer::resize(Size size) { impl_->size = size; }
+
 Result<Image> Renderer::draw(mjData* d, const View& view, std::span<const Paint> paints) {
   Impl& r = *impl_;
   auto camera = camera_of(r.model.get(), d, view, static_cast<double>(r.size.width) / r.size.height);

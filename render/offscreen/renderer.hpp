@@ -26,6 +26,8 @@ struct Quality {
   int samples = 4;        ///< multisampling
   int supersampling = 2;  ///< pixels drawn per pixel of the picture, each way: 1..4
 };
+/// Of pictures that a page or a film shows smaller, or for a moment: a quarter of the time.
+inline constexpr Quality plain_quality{.samples = 4, .supersampling = 1};
 
 /// Where the eye is: a camera of the model by name, or free. Without a name: the camera "overview" if there is one and
 /// no value of a free view is given; else free, with the model's angles and, where neither distance nor point is given,
@@ -43,13 +45,16 @@ struct Paint {
   Colour colour;
 };
 
-/// Draws one model in pictures of one size, in the thread that made it. The same pose gives the same pixels.
+/// Draws one model in pictures of one size at a time, in the thread that made it. The same pose gives the same pixels.
 class Renderer {
  public:
   /// Fails on sizes out of range and where the context gives no such framebuffer; the message has the figures.
   static Result<Renderer> create(const mjModel* model, Size size, Quality quality = {});
   Renderer(Renderer&&) noexcept;
   ~Renderer();
+
+  /// Of the next pictures: no side longer than at first.
+  void resize(Size size);
 
   /// d belongs to the model and has kinematics, cameras and lights of its pose (mj_forward or pose_kinematics).
   /// Fails on a camera the model does not have.

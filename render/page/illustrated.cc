@@ -42,8 +42,8 @@ Result<void> IllustratedPage::keep(const std::string& name, std::string bytes, c
 }
 
 Result<void> IllustratedPage::show(pugi::xml_node to, const Figure& figure, const std::string& name,
-                                   const std::string& caption, bool wide) {
-  const FigureSize size = size_of(figure);
+                                   const std::string& caption, Width width) {
+  const FigureSize size = width == Width::small ? FigureSize{300, 220} : size_of(figure);
   auto svg = draw(figure, Format::svg, size);
   if (!svg) return tl::unexpected(svg.error());
   ++shown_;
@@ -55,14 +55,14 @@ Result<void> IllustratedPage::show(pugi::xml_node to, const Figure& figure, cons
   }
   const std::string data = figure_data(figure);
   add_svg(to, {.markup = *svg, .data = data, .inverts = figure.matrix || figure.heat_map}, caption,
-          figure.title + ". " + caption, wide);
+          figure.title + ". " + caption, width);
   return {};
 }
 
 Result<void> IllustratedPage::show(pugi::xml_node to, const Image& image, const std::string& name,
-                                   const std::string& caption, bool wide) {
+                                   const std::string& caption, Width width) {
   std::string bytes = png(image);
-  add_png(to, bytes, caption, caption, wide);
+  add_png(to, bytes, caption, caption, width);
   ++shown_;
   return formats_.empty() ? Result<void>() : keep(name, std::move(bytes), "png");
 }

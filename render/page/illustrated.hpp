@@ -62,9 +62,9 @@ class IllustratedPage : public Page {
 
   /// Draws a figure; `name` is that of its files. Fails where it cannot be drawn.
   Result<void> show(pugi::xml_node to, const Figure& figure, const std::string& name, const std::string& caption,
-                    bool wide = false);
+                    Width width = Width::normal);
   Result<void> show(pugi::xml_node to, const Image& image, const std::string& name, const std::string& caption,
-                    bool wide = false);
+                    Width width = Width::normal);
   /// A number in the page's head, with its name and a remark. `kind` is "good" or "bad".
   static void tile(pugi::xml_node tiles, const std::string& name, const std::string& value, const std::string& more,
                    const char* kind = nullptr);

@@ -90,6 +90,8 @@ figure { margin: 0; padding: 12px; min-width: 0; }
 figure.wide, figure:last-child:nth-child(odd) { grid-column: 1 / -1; }
 figure svg { max-width: 660px; margin: 0 auto; }
 figure.wide svg { max-width: 880px; }
+.figures.many { grid-template-columns: repeat(auto-fill, minmax(min(100%, 250px), 1fr)); }
+figure.small:last-child:nth-child(odd) { grid-column: auto; }
 figure svg { background: PAPER; }
 figure svg, figure img { display: block; width: 100%; height: auto; border-radius: 5px; }
 figure svg text, figure svg tspan { font-family: FONT; }
@@ -197,6 +199,7 @@ DRAWN
   figure { padding: 6px; }
   figure.wide img { max-height: 110mm; object-fit: contain; }
   .figures { grid-template-columns: 1fr 1fr; }
+  .figures.many { grid-template-columns: repeat(3, minmax(0, 1fr)); }
   figure, .tile, tr, pre { break-inside: avoid; }
   h2, h3 { break-after: avoid; }
   .scroll { overflow: visible; }
@@ -277,10 +280,27 @@ pugi::xml_node add_head(pugi::xml_node to, const std::string& text, const char* 
   return head;
 }
 
+const char* class_of(Width width) {
+  switch (width) {
+    case Width::normal:
+      return nullptr;
+    case Width::wide:
+      return "wide";
+    case Width::small:
+      return "small";
+  }
+  return nullptr;
+}
+
 bool numeric(std::string_view cell) {
   return !cell.empty() &&
          (g_ascii_isdigit(cell[0]) ||
           ((cell[0] == '-' || cell[0] == '+') && cell.size() > 1 && g_ascii_isdigit(cell[1])) || cell == "–");
+}
+
+bool holds_numbers(const std::vector<std::vector<std::string>>& rows, std::size_t column) {
+  return std::ranges::any_of(
+      rows, [&](const auto& row) { return column < row.size() && row[column] != "–" && numeric(row[column]); });
 }
 
 /// Whether a cell stays on one line: "2026-03-15", and, where a table has not many columns, "+13.6 %" and "1.47 MJ".
@@ -347,10 +367,8 @@ Page::Page(std::string_view title) {
     node.append_attribute(key) = name;
     node.append_attribute("content") = content;
   };
-  // Of scripts only this one runs: whatever else gets into the page is not what was hashed.
-  const std::string policy = fmt::format(
-      "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{}'", sha256_base64(script()));
-  meta("http-equiv", "Content-Security-Policy", policy.c_str());
+  meta("http-equiv", "Content-Security-Policy",
+       "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src");
   policy_ = head.last_child();
   meta("name", "viewport", "width=device-width, initial-scale=1");
   meta("name", "generator", "tribotwin-report");
@@ -362,9 +380,9 @@ Page::Page(std::string_view title) {
 }
 
 void Page::add_svg(pugi::xml_node to, const Svg& svg, const std::string& caption, const std::string& alternative,
-                   bool wide) {
+                   Width width) {
   pugi::xml_document drawing;
-  auto figure = add(to, "figure", {}, wide ? "wide" : nullptr);
+  auto figure = add(to, "figure", {}, class_of(width));
   if (drawing.load_buffer(svg.markup.data(), svg.markup.size(), pugi::parse_default | pugi::parse_ws_pcdata_single)) {
     auto root = figure.append_copy(drawing.document_element());
     root.remove_attribute("width");
@@ -379,8 +397,8 @@ void Page::add_svg(pugi::xml_node to, const Svg& svg, const std::string& caption
 }
 
 void Page::add_png(pugi::xml_node to, std::string_view png, const std::string& caption, const std::string& alternative,
-                   bool wide) {
-  auto figure = add(to, "figure", {}, wide ? "wide" : nullptr);
+                   Width width) {
+  auto figure = add(to, "figure", {}, class_of(width));
   auto image = figure.append_child("img");
   image.append_attribute("alt") = printable(alternative).c_str();
   image.append_attribute("src") = ("data:image/png;base64," + base64(png)).c_str();
@@ -401,10 +419,7 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
   const bool many = head.size() > columns_of_a_phone;
   if (many) table.append_attribute("class") = head.size() > columns_of_a_tablet ? "many wide" : "many";
   const auto kind = [&](std::size_t column) {
-    const bool any = column > 0 && std::ranges::any_of(rows, [&](const auto& row) {
-                       return column < row.size() && row[column] != "–" && numeric(row[column]);
-                     });
-    return any && !head.empty() ? "number" : nullptr;
+    return column > 0 && !head.empty() && holds_numbers(rows, column) ? "number" : nullptr;
   };
   if (!head.empty()) {
     auto line = table.append_child("thead").append_child("tr");
@@ -425,7 +440,7 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
   }
 }
 
-void Page::allow(const std::string& source) {
+void Page::allow(const std::string& source) const {
   auto content = policy_.attribute("content");
   if (std::string policy = content.value(); policy.find(source) == policy.npos)
     content = (policy + " " + source).c_str();
@@ -449,11 +464,14 @@ void Page::add_robot(pugi::xml_node to, const std::string& packed, const std::st
 }
 
 std::string Page::html() const {
+  // Of scripts only this one runs: whatever else gets into the page is not what was hashed.
+  const std::string own = script(bool(main_.parent().find_child_by_attribute("class", "library")));
+  allow("'sha256-" + sha256_base64(own) + "'");
   std::ostringstream out;
   document_.save(out, "", pugi::format_raw | pugi::format_no_declaration, pugi::encoding_utf8);
   // Put in as text: in a script, unlike elsewhere in XML, nothing is escaped.
   std::string page = out.str();
-  page.insert(page.rfind("</body>"), "<script>" + script() + "</script>");
+  page.insert(page.rfind("</body>"), "<script>" + own + "</script>");
   return page;
 }
 

@@ -20,6 +20,9 @@ std::string deflated(std::string_view bytes);
 /// about the machine that made it.
 std::string without_folders(const std::string& text);
 
+/// How much of a page's width a figure takes: half of a screen's; all of it; as little as is readable, for many alike.
+enum class Width { normal, wide, small };
+
 class Page {
  public:
   explicit Page(std::string_view title);
@@ -36,9 +39,9 @@ class Page {
   };
   /// A card with a caption below.
   void add_svg(pugi::xml_node to, const Svg& svg, const std::string& caption, const std::string& alternative,
-               bool wide = false);
+               Width width = Width::normal);
   void add_png(pugi::xml_node to, std::string_view png, const std::string& caption, const std::string& alternative,
-               bool wide = false);
+               Width width = Width::normal);
   /// A part of the page that is closed until the reader opens it, and is not printed while closed.
   static pugi::xml_node add_details(pugi::xml_node to, const std::string& summary);
   /// The first column names the rows; columns with numbers are set right.
@@ -58,7 +61,7 @@ class Page {
 
  private:
   /// Of scripts, as content security policies name it.
-  void allow(const std::string& source);
+  void allow(const std::string& source) const;
 
   pugi::xml_document document_;
   pugi::xml_node main_, policy_;

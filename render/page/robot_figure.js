@@ -25,7 +25,7 @@ class RobotFigure {
       node('div', { class: 'live head' }, node('strong', {}, 'The robot over the run'), this.tools()),
       this.canvas, node('div', { class: 'live sliders' }, node('label', {}, node('span', {}, 'time'), this.range,
         this.time)), this.degC, this.bar));
-    this.view = new View(this.canvas, () => this.changed(), () => {});
+    this.view = new View(this.canvas, () => this.changed(), (x, y) => this.pick(x, y));
     this.canvas.addEventListener('webglcontextlost', (event) => event.preventDefault());
     this.canvas.addEventListener('webglcontextrestored', () => this.changed());
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.changed());
@@ -81,11 +81,24 @@ class RobotFigure {
     const { time, degC } = this.moments[this.range.value], [from, to] = this.scale;
     this.time.textContent = time;
     this.range.setAttribute('aria-valuetext', time);
-    this.joints.forEach((joint, i) => this.view.robot.colour(joint,
-      degC[i] === null ? null : viridis((degC[i] - from) / (to - from))));
-    this.degC.textContent = this.joints.map((joint, i) => [joint, degC[i]]).filter(([, at]) => at !== null)
-      .map(([joint, at]) => `${joint}\u00a0${at.toFixed(1)}\u00a0°C`).join(' · ');
+    const ink = getComputedStyle(this.figure).color, said = [];
+    this.joints.forEach((joint, i) => {
+      const { robot } = this.view, known = degC[i] !== null, chosen = joint === this.chosen;
+      robot.colour(joint, known ? viridis((degC[i] - from) / (to - from)) : null);
+      robot.mark(joint, chosen ? ink : null);
+      const text = known ? `${joint}\u00a0${degC[i].toFixed(1)}\u00a0°C` : `${joint}: no temperature`;
+      if (known || chosen) said.push(' · ', chosen ? node('strong', {}, text) : text);
+    });
+    this.degC.replaceChildren(...said.slice(1));
     this.changed();
+  }
+
+  /// The joint that moves a part gets a rim, and its name stands out, until the next click.
+  pick(x, y) {
+    if (!this.moments) return;
+    const joint = this.view.pick(x, y);
+    this.chosen = joint === this.chosen ? null : joint;
+    this.show();
   }
 
   /// Once per picture of the browser.

@@ -23,11 +23,13 @@ std::string unbound(std::string_view module) {
 
 }  // namespace
 
-std::string script() {
+std::string script(bool robot) {
   std::string text = "'use strict';\n{\n";
-  for (const char* shared : {"/scale.js", "/colours.js", "/orbit.js", "/robot.js", "/view.js"})
-    text += unbound(twin::live::page_file(shared)->content);
-  for (const auto& file : script_files()) text += unbound(file.content);
+  for (const char* shared : {"/scale.js", "/colours.js"}) text += unbound(twin::live::page_file(shared)->content);
+  for (const char* shared : {"/orbit.js", "/robot.js", "/view.js"})
+    if (robot) text += unbound(twin::live::page_file(shared)->content);
+  for (const auto& file : script_files())
+    if (robot || file.name != "robot_figure.js") text += unbound(file.content);
   return text + "}\n";
 }
 

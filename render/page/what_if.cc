@@ -97,7 +97,7 @@ Result<void> show_what_if(IllustratedPage& page, const drive::Drive& drive, doub
           fmt::format("Law '{}' as 'tribotwin curve' evaluates it. On a screen with scripts, sliders move the whole "
                       "line; the dashed lines stay.",
                       drive.law.info->name),
-          true);
+          Width::wide);
       !ok)
     return ok;
   const auto numbers = kernel::numbers_of(drive.law);

@@ -188,6 +188,11 @@ Result<Image> PosePainter::draw(const PoseState& state, const PoseOptions& optio
   return image;
 }
 
+void PosePainter::resize(Size size) {
+  renderer_.resize(size);
+  size_ = size;
+}
+
 std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::size_t count) {
   std::vector<std::size_t> indices;
   if (time_s.empty() || count == 0) return indices;
@@ -201,11 +206,10 @@ std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::siz
   return indices;
 }
 
-Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, std::span<const PoseState> states,
-                            const PoseOptions& options, Size each, const std::function<void(double)>& progress) {
+Result<Image> contact_sheet(PosePainter& painter, std::span<const PoseState> states, const PoseOptions& options,
+                            const std::function<void(double)>& progress) {
   if (states.empty()) return tl::unexpected(Error("a contact sheet needs at least one state"));
-  auto painter = PosePainter::create(model, each);
-  if (!painter) return tl::unexpected(painter.error());
+  const Size each = painter.size();
   const int n = static_cast<int>(states.size());
   const double unit = options.text_scale * each.height / 480.0;
   const int gap = static_cast<int>(12 * unit), caption = static_cast<int>(34 * unit);
@@ -229,15 +233,15 @@ Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, std::spa
   single.legend = single.panel = false;
   for (int i = 0; i < n; ++i) {
     const PoseState& state = states[static_cast<std::size_t>(i)];
-    const auto image = painter->draw(state, single);
+    const auto image = painter.draw(state, single);
     if (!image) return image;
     const int x = gap + i % columns * (each.width + gap), y = gap + i / columns * (each.height + caption + gap);
     paste(sheet, *image, x, y);
     std::string text = duration(*state.time_s);
     if (options.colour_by != ColourBy::nothing && !state.joints.empty()) {
       const auto value = [&](const JointState& j) {
-        const double v =
-            shown_value(model->drives()[static_cast<std::size_t>(&j - state.joints.data())], j, options.colour_by);
+        const double v = shown_value(painter.model().drives()[static_cast<std::size_t>(&j - state.joints.data())], j,
+                                     options.colour_by);
         return std::isfinite(v) ? v : -std::numeric_limits<double>::infinity();
       };
       const auto& top = *std::ranges::max_element(state.joints, {}, value);

@@ -62,12 +62,15 @@ struct PoseOptions {
   double text_scale = 1;  ///< size of the text; 1 is for a picture seen as large as it is
 };
 
-/// Draws poses of one model in one size.
+/// Draws poses of one model, in one size at a time.
 class PosePainter {
  public:
   static Result<PosePainter> create(std::shared_ptr<const mujoco::Model> model, Size size, Quality quality = {});
   Result<Image> draw(const PoseState& state, const PoseOptions& options);
+  const mujoco::Model& model() const { return *model_; }
   Size size() const { return size_; }
+  /// Of the next pictures: no side longer than at first.
+  void resize(Size size);
 
  private:
   PosePainter(std::shared_ptr<const mujoco::Model> model, Size size, Renderer renderer);
@@ -77,9 +80,9 @@ class PosePainter {
   mujoco::DataPtr data_;
 };
 
-/// States beside each other in one picture of about 16:10, under one colour bar.
-Result<Image> contact_sheet(std::shared_ptr<const mujoco::Model> model, std::span<const PoseState> states,
-                            const PoseOptions& options, Size each, const std::function<void(double)>& progress = {});
+/// States beside each other in one picture of about 16:10, each in the painter's size, under one colour bar.
+Result<Image> contact_sheet(PosePainter& painter, std::span<const PoseState> states, const PoseOptions& options,
+                            const std::function<void(double)>& progress = {});
 /// `count` samples, evenly in time from first to last, without repetition.
 std::vector<std::size_t> evenly_in_time(std::span<const double> time_s, std::size_t count);
 

@@ -410,7 +410,7 @@ class Writer {
             page_.show(grid, correlation_matrix("Correlation of the estimates", std::move(m)), "correlation",
                        "Correlation of the estimated parameters: the darker, the stronger. Errors of orange pairs have "
                        "the same sign, errors of blue pairs (minus) opposite signs. Bold from 0.9.",
-                       wide);
+                       wide ? Width::wide : Width::normal);
         !ok)
       return ok;
     if (wide) grid = page_.add(page_.body(), "div", {}, "figures");

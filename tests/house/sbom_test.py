@@ -19,6 +19,7 @@ owners = subprocess.check_output(["dpkg-query", "-S", *needed], text=True)
 for library in needed:
     packages = set(re.findall(rf"^([^:]+):.*/{re.escape(library)}$", owners, re.M))
     check(f"{library} is in it", packages & set(found), packages)
+check("libosmesa6, which is loaded while it runs, is in it", "libosmesa6" in found)
 for name in ("libjs-three", "libeigen3-dev", "nlohmann-json3-dev"):
     check(f"{name}, which is compiled in, is in it", name in found)
 versions = subprocess.check_output(["dpkg-query", "-W", "-f", "${Package}\t${Version}\n"], text=True)

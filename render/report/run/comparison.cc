@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <utility>
 
@@ -23,6 +25,25 @@ std::string unit_of_all(const Runs& runs) {
   std::vector<JointHistory> all;
   for (const auto& run : runs.all) all.insert(all.end(), run->joints.begin(), run->joints.end());
   return force_unit(all, [](const JointHistory&) { return true; });
+}
+
+/// A column of every run: in several tables where those of one would not fit on paper.
+void add_table(IllustratedPage& page, const std::vector<std::string>& head,
+               const std::vector<std::vector<std::string>>& rows) {
+  for (std::size_t from = 1; from < head.size(); from += overlaid_max) {
+    const bool last = head.size() - from <= overlaid_max + 1;  // that of differences needs no table of its own
+    const std::size_t to = last ? head.size() : from + overlaid_max;
+    const auto part = [&](const std::vector<std::string>& row) {
+      std::vector<std::string> cells{row.front()};
+      cells.insert(cells.end(), row.begin() + static_cast<std::ptrdiff_t>(from),
+                   row.begin() + static_cast<std::ptrdiff_t>(to));
+      return cells;
+    };
+    std::vector<std::vector<std::string>> parts;
+    std::ranges::transform(rows, std::back_inserter(parts), part);
+    page.add_table(page.body(), part(head), parts);
+    if (last) return;
+  }
 }
 
 /// A row with the value of every run and, of two runs, how the second differs.
@@ -67,7 +88,7 @@ void add_results(IllustratedPage& page, const Runs& runs) {
   add_row(rows, runs, "error against recording", "mrad", "{:.1f}", [](const RunData& r) {
     return number(r.summary, {"comparison", "mae_mrad"});
   });
-  page.add_table(page.body(), head, rows);
+  add_table(page, head, rows);
   page.add(page.body(), "p",
            fmt::format("Simulations have no noise: a difference above {:g} %, which multi-rate runs may leave, is one.",
                        100 * resolved_share),
@@ -88,7 +109,7 @@ void add_differing_keys(IllustratedPage& page, const Runs& runs) {
     rows.push_back({key.key});
     rows.back().insert(rows.back().end(), key.values.begin(), key.values.end());
   }
-  page.add_table(page.body(), head, rows);
+  add_table(page, head, rows);
 }
 
 /// The joint whose friction differs most, else the warmest of the first run.
@@ -196,6 +217,49 @@ constexpr FigureRow<Runs> table[] = {
     {"temperature_difference", "Difference of temperature", temperature_difference},
 };
 
+/// What differs in a run from the first, in a line: "ambient_degC 15; events[1] –".
+std::string asked_for(const Runs& runs, std::size_t run) {
+  constexpr std::size_t most = 3;
+  const auto keys = differing_keys(runs.all);
+  std::string text;
+  std::size_t told = 0;
+  for (const auto& key : keys)
+    if (key.values[run] != key.values.front() && told++ < most)
+      text += fmt::format("{}{} {}", text.empty() ? "" : "; ", key.key, key.values[run]);
+  return told > most ? text + fmt::format("; {} more keys", told - most) : text;
+}
+
+/// The axes around all values, from 0.
+void fix_axes(Figure& f) {
+  double low = std::numeric_limits<double>::infinity(), high = -low, end = 0;
+  for (const Series& s : f.series) {
+    for (const double v : s.y)
+      if (std::isfinite(v)) low = std::min(low, v), high = std::max(high, v);
+    for (const double t : s.x) end = std::max(end, t);
+  }
+  const double margin = low < high ? 0.03 * (high - low) : std::max(0.1 * std::abs(low), 1e-3);
+  f.x.from = 0, f.x.to = end, f.y.from = low - margin, f.y.to = high + margin;
+}
+
+/// A small figure of each run but the first, which each shows, too; all with the same axes.
+Result<void> add_small(IllustratedPage& page, const Runs& runs, const std::string& name, const Axis& axis,
+                       const std::vector<Trace>& traces, const std::string& what) {
+  if (traces.size() < 2) return {};
+  page.add(page.body(), "p", fmt::format("{}. Thin dashed: {}. All have the same axes.", what, traces.front().label));
+  auto grid = page.add(page.body(), "div", {}, "figures many");
+  Figure all = history("", axis, traces);
+  fix_axes(all);
+  Series first = all.series.front();
+  first.label.clear(), first.mark = Mark::reference;
+  for (std::size_t i = 1; i < traces.size(); ++i) {
+    Figure one = all;
+    one.series = {first, all.series[i]};
+    one.series[1].stroke = 0;
+    if (auto ok = page.show(grid, one, name, asked_for(runs, *traces[i].stroke), Width::small); !ok) return ok;
+  }
+  return {};
+}
+
 /// Loops and tracking errors of all runs that have a transmission.
 struct Transmissions {
   std::vector<Loop> loops;
@@ -266,8 +330,20 @@ Result<void> add_comparison(IllustratedPage& page, const Runs& runs) {
   page.add(page.body(), "h2", "Compared");
   add_differing_keys(page, runs);
   page.add(page.body(), "h3", "What came of it");
-  auto grid = page.add(page.body(), "div", {}, "figures");
-  if (auto ok = show_table(page, grid, table, {}, runs); !ok) return ok;
+  if (runs.many()) {
+    const std::string joint = watched_joint(runs);
+    if (auto ok = add_small(page, runs, "compared_friction", friction_axis(runs), frictions(runs),
+                            fmt::format("{}: {}", joint, friction_caption(runs)));
+        !ok)
+      return ok;
+    if (auto ok = add_small(page, runs, "compared_temperature", lubricant_temperature(), temperatures(runs),
+                            fmt::format("{}: lubricant temperature", joint));
+        !ok)
+      return ok;
+  } else {
+    auto grid = page.add(page.body(), "div", {}, "figures");
+    if (auto ok = show_table(page, grid, table, {}, runs); !ok) return ok;
+  }
   add_results(page, runs);
   return add_transmissions(page, runs);
 }

@@ -9,9 +9,13 @@
 
 namespace tribotwin::render {
 
+/// Of more runs than this each has a small figure of its own beside the first, and its section is closed.
+inline constexpr std::size_t overlaid_max = 6;
+
 /// The runs of a page.
 struct Runs {
   std::span<const std::unique_ptr<RunData>> all;
+  bool many() const { return all.size() > overlaid_max; }
 
   /// The scenario where all have one, and how many there are; the name of a single one.
   std::string title() const;

@@ -49,7 +49,9 @@ std::string caption_of(const Json& geometry, std::size_t moments, bool strobes) 
   if (simplified > 0) text += fmt::format(" {} of {} meshes are simplified.", simplified, geometry["meshes"].size());
   if (const std::size_t left_out = geometry["left_out"]; left_out > 0)
     text += fmt::format(" {} shapes are left out.", left_out);
-  return text + " Drag, pinch or use the keys to turn and zoom; a click lets the wheel zoom.";
+  return text +
+         " Drag, pinch or use the keys to turn and zoom; a click names the joint of a part, and lets the "
+         "wheel zoom.";
 }
 
 }  // namespace

@@ -24,7 +24,7 @@ class Section {
   Section(IllustratedPage& page, const Runs& runs, std::size_t index, std::vector<std::string>& notes,
           const std::function<void(double)>& progress)
       : page_(page),
-        to_(page.body()),
+        to_(runs.many() ? page.add_details(page.body(), runs.label(*runs.all[index])) : page.body()),
         runs_(runs),
         index_(index),
         run_(*runs.all[index]),
@@ -47,7 +47,7 @@ class Section {
 
  private:
   void head() {
-    if (runs_.all.size() > 1) page_.add(to_, "h2", runs_.label(run_));
+    if (runs_.all.size() > 1 && !runs_.many()) page_.add(to_, "h2", runs_.label(run_));
     if (!run_.settings.empty()) page_.add(to_, "p", run_.settings);
     if (runs_.all.size() > 1) {
       const Opening o = opening_of(run_, {});
@@ -81,8 +81,7 @@ class Section {
       page_.add(to_, "p", fmt::format("The poses could not be drawn: {}", why), "bad");
       return {};
     };
-    const auto model = run_.scenario->model;
-    auto painter = PosePainter::create(model, {1440, 960});
+    auto painter = PosePainter::create(run_.scenario->model, {1440, 960}, plain_quality);
     if (!painter) return failed(painter.error().message);
     for (const bool end : {false, true}) {
       const PoseState state = moments.at(end ? moments.end_s() : moments.begin_s());
@@ -93,10 +92,11 @@ class Section {
       if (moments.end_s() == moments.begin_s()) break;
     }
     const auto states = moments.evenly(6);
-    const auto sheet = contact_sheet(model, states, look, {480, 360});
+    painter->resize({480, 360});
+    const auto sheet = contact_sheet(*painter, states, look);
     if (!sheet) return failed(sheet.error().message);
     progress_(0.5);
-    return page_.show(grid, *sheet, "poses", sheet_caption(states), true);
+    return page_.show(grid, *sheet, "poses", sheet_caption(states), Width::wide);
   }
 
   /// Says what was drawn: a housing is coloured where its temperature is known.

@@ -1,6 +1,6 @@
 """tribotwin-report of a healthy and a worn robot, and of the flagship warm-up: what its reader must find in the first
 lines, and pictures that show the moment that they say. Arguments: tribotwin, tribotwin-report, source tree."""
-import json, os, re, subprocess, sys
+import html, json, os, re, subprocess, sys
 
 import h5py
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from browser import Browser, opening
 import harness
 from harness import check, content, finish, path, work
+from pendulum import PENDULUM
 from numbers_of_page import Numbers, change, duration, energy
 from robot_checks import unpacked
 
@@ -85,6 +86,40 @@ check("their difference is drawn beside", list(difference) == ["worn − healthy
 
 same = run(report, "healthy", "healthy", "-o", "same.html")
 check("a run beside itself does not differ", "No joint's friction (RMS) differs by more than" in content("same.html"))
+
+# ---- More than six runs: each beside the first, in a small figure of its own; their sections are closed.
+degrees = [20, 25, 30, 35, 40, 45, 50, 55]
+folders = [f"room{degC}" for degC in degrees]
+with open(path("pendulum.xml"), "w") as f:
+    f.write(PENDULUM)
+with open(path("pendulum.yaml"), "w") as f:
+    f.write("model: pendulum.xml\nduration_s: 5\nmotion: {type: cycle, speed_rad_s: 3, waypoints: ")
+    f.write("[{position_rad: -0.5}, {position_rad: 0.6}]}\n")
+for folder, degC in zip(folders, degrees):
+    run(twin, "run", "pendulum.yaml", "-o", folder, "--quiet", "--set", f"temperature_degC={degC}")
+r = run(report, *map(path, folders), "-o", "many.html")
+check("eight runs are compared", r.returncode == 0 and r.stderr == "", (r.returncode, r.stderr))
+page = content("many.html")
+grids = re.findall(r'<div class="figures many">(.*?)</div>', page, re.S)
+captions = [re.findall("<figcaption>(.*?)</figcaption>", grid) for grid in grids]
+wanted = [f"temperature_degC {degC}" for degC in degrees[1:]]
+check("each has a small figure of friction and one of temperature", captions == [wanted] * 2, captions)
+for grid in grids:
+    data = [json.loads(html.unescape(d)) for d in re.findall(r'data-figure="([^"]*)"', grid)]
+    labels = [[s["label"] for s in d["series"]] for d in data]
+    check("it shows the run and the first", labels == [["", f] for f in folders[1:]], labels)
+    axes = {json.dumps([d["x"], d["y"]]) for d in data}
+    values = [v for d in data for s in d["series"] for v in s["y"]]
+    y = data[0]["y"]
+    check(
+        "all have the same axes, around all values", len(axes) == 1 and y["from"] < min(values) <= max(values) < y["to"]
+    )
+    check("the first is the same in all", len({json.dumps(d["series"][0]) for d in data}) == 1)
+closed = re.findall(r"<details><summary>(room\d+)</summary>", page)
+check("sections are closed", closed == folders and "<details open" not in page, closed)
+browser.check_page("many runs", path("many.html"), 8 * 3, None)
+pages = browser.printed(path("many.html"), path("many.pdf"))
+check("eight runs are printed on at most four pages", 1 <= pages <= 4, pages)
 
 # ---- The flagship.
 r = run(report, path("healthy"), "-o", "one.html")

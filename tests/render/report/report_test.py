@@ -632,12 +632,16 @@ for command in ([], ["pose"], ["curve"], ["sheet"], ["video"]):
         (r.stdout, r.stderr),
     )
 
-# No display libraries.
-linked = subprocess.run(["ldd", report], capture_output=True, text=True).stdout
-check(
-    "linked to OSMesa, neither to libGL nor libEGL",
-    "libOSMesa" in linked and not re.search(r"lib(GL|EGL|GLX|OpenGL)\.so", linked),
-    linked,
+# No display libraries; OSMesa only where a robot is drawn.
+mapped = lambda *command: set(
+    re.findall(
+        r"calling init: \S*/(\S+)", run(report, *command, env={**os.environ, "LD_DEBUG": "libs"}, timeout=60).stderr
+    )
 )
+drawing = mapped("pose", "runs/irb6620_warmup", "--size", "160x120", "-o", "loaded.png")
+check("a pose is drawn by OSMesa", "libOSMesa.so.8" in drawing and os.path.exists(path("loaded.png")), drawing)
+display = [name for name in drawing if re.match(r"lib(GL|EGL|GLX|OpenGL)\.so", name)]
+check("neither by libGL nor libEGL", not display, display)
+check("nothing else loads it", "libOSMesa.so.8" not in mapped("--version"))
 
 finish()

@@ -68,7 +68,7 @@ def move(tab, to):
     return tab.pixels("figure.robot canvas").astype(float)
 
 
-def check_drawing(check, tab, robot, degC):
+def check_drawing(check, tab, robot, joint, degC):
     """In the page that is open, with the robot not in sight yet."""
     check("three.js is not run before the figure is in sight", tab.value("window.THREE === undefined"))
     tab.window(640, 900)  # of fewer pixels
@@ -82,6 +82,12 @@ def check_drawing(check, tab, robot, degC):
     check("and back", (abs(end - again).max(axis=2) > 40).mean() < 1e-4)
     warm = [of_colour(seen, degC, robot["scale"]) for seen in (begin, end)]
     check("the housing has the map's colour of its temperature at the end", warm[1] > 100 > 5 * warm[0], warm)
+    spot = np.argwhere([[of_colour(row[None, None], degC, robot["scale"]) for row in line] for line in end[::4, ::4]])
+    x, y = 4 * spot[len(spot) // 2][::-1]
+    at = tab.value(f"(c => [c.left, c.top, c.width])({CANVAS}.getBoundingClientRect())")
+    tab.drag(at[0] + x * at[2] / end.shape[1], at[1] + y * at[2] / end.shape[1], 0, 0)
+    name = f"{FIGURE}.querySelector('p[role=status] strong')?.textContent"
+    check("a click on the housing names its joint", tab.until(f"{name}?.startsWith('{joint}\u00a0')"), tab.value(name))
     tab.value(CANVAS + ".focus()")
     before = tab.pixels("figure.robot canvas").astype(float)
     tab.key("ArrowLeft")
@@ -119,7 +125,7 @@ def check_robot(check, tab, page, telemetry, joint, open_page):
     robot = json.loads(unpacked(page, "robot"))
     degC = check_poses(check, robot, telemetry, joint)
     open_page()
-    check_drawing(check, tab, robot, degC)
+    check_drawing(check, tab, robot, joint, degC)
     fetched = [r for r in tab.requests[1:] if not r.startswith("data:")]
     check("nothing is fetched for it", not fetched, fetched)
     check_absent(check, tab, open_page)
