@@ -1,4 +1,7 @@
 #include <algorithm>
+#include <array>
+
+#include <dlfcn.h>
 
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
@@ -29,14 +32,27 @@ void suggest(const std::string& given, const fs::path& name) {
     throw InputError(given + ": does not exist" + meant);
 }
 
+/// The program, and the file of this code, which is another one where Python has loaded it.
+std::array<fs::path, 2> own_files() {
+  std::error_code error;
+  Dl_info module{};
+  const bool known = ::dladdr(reinterpret_cast<const void*>(&own_files), &module) != 0 && module.dli_fname != nullptr;
+  return {fs::read_symlink("/proc/self/exe", error), fs::path(known ? module.dli_fname : "")};
+}
+
 }  // namespace
 
 fs::path shipped_folder() {
   std::error_code error;
-  const fs::path program = fs::read_symlink("/proc/self/exe", error);
-  const fs::path installed = program.parent_path().parent_path() / TRIBOTWIN_SHARED;
-  for (const fs::path& folder : {installed, fs::path(TRIBOTWIN_SOURCE)})
-    if (fs::is_directory(folder / scenarios, error)) return folder;
+  const auto files = own_files();
+  fs::path installed = files[0].parent_path().parent_path() / TRIBOTWIN_SHARED;
+  if (fs::is_directory(installed / scenarios, error)) return installed;
+  // A build folder has a link to the source tree: no path is compiled in.
+  for (const fs::path& file : files)
+    for (fs::path folder = file.parent_path(); folder != folder.parent_path(); folder = folder.parent_path())
+      if (fs::path source = fs::read_symlink(folder / "include/tribotwin", error);
+          !error && fs::is_directory(source / scenarios, error))
+        return source;
   return {};
 }
 
