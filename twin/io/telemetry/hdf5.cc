@@ -26,10 +26,25 @@ bool alone = false;  // in the child of survives(): its parent held the lock for
 
 std::string system_reason(int error) { return std::generic_category().message(error); }
 
+namespace {
+
+/// HDF5 prints what fails while it starts, and cannot be told before not to.
+bool start_silently() {
+  const int shown = ::fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, 0), nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+  if (nowhere >= 0) ::dup2(nowhere, STDERR_FILENO);
+  const bool good = H5dont_atexit() >= 0 && H5open() >= 0;  // at exit HDF5 would close files again, and crash
+  if (shown >= 0) ::dup2(shown, STDERR_FILENO);
+  for (const int descriptor : {shown, nowhere})
+    if (descriptor >= 0) ::close(descriptor);
+  return good;
+}
+
+}  // namespace
+
 Hdf5::Hdf5() : lock_(alone ? std::unique_lock<std::recursive_mutex>() : std::unique_lock(mutex)) {
-  // At exit HDF5 would close files again whose closing failed, and crash.
-  static const herr_t no_exit_handler = H5dont_atexit();
-  (void)no_exit_handler;
+  static bool started = false;  // under the lock
+  if (!started && !start_silently()) throw std::bad_alloc();
+  started = true;
   H5Eget_auto2(H5E_DEFAULT, &print_, &data_);
   H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
 }
@@ -78,17 +93,8 @@ bool does_with(const std::function<void()>& work, std::uintmax_t most_bytes) {
   return errno != ENOMEM && peak_bytes() - before <= most_bytes;
 }
 
-}  // namespace
-
-std::uintmax_t memory_for(const fs::path& file) {
-  std::error_code error;
-  const auto size = fs::file_size(file, error);
-  if (error) return limits::library_bytes;
-  return limits::library_bytes + std::min(2 * limits::array_bytes, 2 * size * limits::best_compression);
-}
-
-bool survives(const std::function<void()>& work, std::uintmax_t most_bytes) {
-  const std::lock_guard whole(mutex);  // so that no other thread is inside HDF5 when the child is made
+/// How a child ends that does `work`: as of waitpid.
+int state_after(const std::function<void()>& work, std::uintmax_t most_bytes) {
   const pid_t child = ::fork();
   if (child < 0) throw Failure(system_reason(errno));
   if (child == 0) {
@@ -104,6 +110,23 @@ bool survives(const std::function<void()>& work, std::uintmax_t most_bytes) {
     ::waitpid(child, &state, 0);
     throw Failure("interrupted");
   }
+  return state;
+}
+
+}  // namespace
+
+std::uintmax_t memory_for(const fs::path& file) {
+  std::error_code error;
+  const auto size = fs::file_size(file, error);
+  if (error) return limits::library_bytes;
+  return limits::library_bytes + std::min(2 * limits::array_bytes, 2 * size * limits::best_compression);
+}
+
+bool survives(const std::function<void()>& work, std::uintmax_t most_bytes) {
+  const std::lock_guard whole(mutex);  // so that no other thread is inside HDF5 when the child is made
+  int state = state_after(work, most_bytes);
+  // A file that wants memory without end wants it again; a machine that was short of it for a moment is not.
+  if (WIFEXITED(state) && WEXITSTATUS(state) != 0) state = state_after(work, most_bytes);
   return WIFEXITED(state) && WEXITSTATUS(state) == 0;
 }
 
