@@ -15,6 +15,13 @@ for package in "${packages[@]}"; do
   dpkg-deb -x "$package" "$work/root"
 done
 
+# Hardened, as .github/SECURITY.md says.
+for program in "$work"/root/usr/bin/*; do
+  for wanted in "-dW FLAGS_1.*NOW.*PIE" "-lW GNU_RELRO" "-sW __stack_chk_fail" "-sW __[a-z]*_chk@"; do
+    readelf ${wanted% *} "$program" | grep -- "${wanted#* }" > /dev/null || { echo "$program: no ${wanted#* }"; exit 1; }
+  done
+done
+
 # The same bytes wherever they are built: no program names the source tree.
 if grep -lF "$source" "$work"/root/usr/bin/*; then exit 1; fi
 
