@@ -268,10 +268,11 @@ std::string table_of(const DynamicsChoice& choice) {
     else
       table.add({t.what, "-", "", t.failure});
   return table.text() +
-         fmt::format("chosen: {}; errors are those of {} {}, against torque up to {:.3g} Hz\n\n",
-                     words_of(choice.setting), choice.folds,
-                     choice.by_file ? "files, each left out in turn" : "stretches of time left out in turn",
-                     choice.target_hz);
+         fmt::format(
+             "chosen: {}; errors are those of {} {}, against torque up to {:.3g} Hz{}\n\n", words_of(choice.setting),
+             choice.folds, choice.by_file ? "files, each left out in turn" : "stretches of time left out in turn",
+             choice.target_hz,
+             choice.lag_target_hz > 0 ? fmt::format(" and, with the lag, up to {:.3g} Hz", choice.lag_target_hz) : "");
 }
 
 Json json_of(const DynamicsChoice& choice) {

@@ -45,9 +45,10 @@ struct DynamicsChoice {
   DynamicsFit fit;            ///< of the samples that were compared: the start of the fit with the setting
   std::vector<Trial> trials;  ///< in the order in which they were made; the first is the start
   unsigned folds = 0;
-  bool by_file = false;     ///< folds are files
-  bool real_bodies = true;  ///< do not predict clearly worse than least squares
-  double target_hz = 0;     ///< band of the torque that errors are counted against
+  bool by_file = false;      ///< folds are files
+  bool real_bodies = true;   ///< do not predict clearly worse than least squares
+  double target_hz = 0;      ///< band of the torque that errors are counted against
+  double lag_target_hz = 0;  ///< the same from the trial on that took a lag; 0: none was taken
 };
 
 /// What is wrong with a setting that contains another (a law with more terms, asymmetry beside it, all else alike) and

@@ -197,6 +197,21 @@ TEST(Choice, TakesWhatTheRecordingsHave) {
   EXPECT_LT(rough.setting.signals.cutoff_hz, 15);
 }
 
+TEST(Choice, SaysInWhichBandErrorsOfALagAreCounted) {
+  Arm arm;
+  auto recordings = arm.recordings({.noise_nm = 2, .position_step_rad = 3e-3}, 40);
+  EXPECT_EQ(arm.choice(recordings).lag_target_hz, 0);
+  for (auto& r : recordings)
+    for (Index i = r.torque.cols() - 1; i >= 3; --i) r.torque.col(i) = r.torque.col(i - 3);
+  const DynamicsChoice choice = arm.choice(recordings);
+  ASSERT_TRUE(taken(choice, "lag of torques"));
+  EXPECT_EQ(choice.lag_target_hz, choice.setting.signals.cutoff_hz);
+  // Of white noise a band keeps the root of its share.
+  const double noise_nm = 2 * std::sqrt(2 * choice.lag_target_hz / 125);
+  EXPECT_THAT(choice.trials.back().rms,
+              testing::Each(testing::AllOf(testing::Gt(0.8 * noise_nm), testing::Lt(1.5 * noise_nm))));
+}
+
 TEST(Choice, FindsAMotorThatTurnsWithTwoJoints) {
   Arm arm;
   const Decided quick{.cutoff_hz = 20, .law = &coulomb_viscous(), .asymmetry = false, .robust = Robust::none};
