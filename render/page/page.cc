@@ -280,6 +280,8 @@ pugi::xml_node add_head(pugi::xml_node to, const std::string& text, const char* 
   return head;
 }
 
+constexpr const char* no_scripts = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src";
+
 const char* class_of(Width width) {
   switch (width) {
     case Width::normal:
@@ -367,8 +369,7 @@ Page::Page(std::string_view title) {
     node.append_attribute(key) = name;
     node.append_attribute("content") = content;
   };
-  meta("http-equiv", "Content-Security-Policy",
-       "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src");
+  meta("http-equiv", "Content-Security-Policy", no_scripts);
   policy_ = head.last_child();
   meta("name", "viewport", "width=device-width, initial-scale=1");
   meta("name", "generator", "tribotwin-report");
@@ -440,10 +441,8 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
   }
 }
 
-void Page::allow(const std::string& source) const {
-  auto content = policy_.attribute("content");
-  if (std::string policy = content.value(); policy.find(source) == policy.npos)
-    content = (policy + " " + source).c_str();
+void Page::allow(const std::string& source) {
+  if (std::ranges::find(allowed_, source) == allowed_.end()) allowed_.push_back(source);
 }
 
 void Page::allow_kernel() { allow("'wasm-unsafe-eval'"); }
@@ -466,7 +465,10 @@ void Page::add_robot(pugi::xml_node to, const std::string& packed, const std::st
 std::string Page::html() const {
   // Of scripts only this one runs: whatever else gets into the page is not what was hashed.
   const std::string own = script(bool(main_.parent().find_child_by_attribute("class", "library")));
-  allow("'sha256-" + sha256_base64(own) + "'");
+  std::string policy = fmt::format("{} 'sha256-{}'", no_scripts, sha256_base64(own));
+  for (const auto& source : allowed_) policy += " " + source;
+  auto content = policy_.attribute("content");
+  content = policy.c_str();
   std::ostringstream out;
   document_.save(out, "", pugi::format_raw | pugi::format_no_declaration, pugi::encoding_utf8);
   // Put in as text: in a script, unlike elsewhere in XML, nothing is escaped.

@@ -61,10 +61,11 @@ class Page {
 
  private:
   /// Of scripts, as content security policies name it.
-  void allow(const std::string& source) const;
+  void allow(const std::string& source);
 
   pugi::xml_document document_;
   pugi::xml_node main_, policy_;
+  std::vector<std::string> allowed_;
   int figures_ = 0;
 };
 

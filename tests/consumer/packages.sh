@@ -18,7 +18,8 @@ done
 # Hardened, as .github/SECURITY.md says.
 for program in "$work"/root/usr/bin/*; do
   for wanted in "-dW FLAGS_1.*NOW.*PIE" "-lW GNU_RELRO" "-sW __stack_chk_fail" "-sW __[a-z]*_chk@"; do
-    readelf ${wanted% *} "$program" | grep -- "${wanted#* }" > /dev/null || { echo "$program: no ${wanted#* }"; exit 1; }
+    readelf ${wanted% *} "$program" | grep -- "${wanted#* }" > /dev/null ||
+      { echo "$program: no ${wanted#* }"; exit 1; }
   done
 done
 
