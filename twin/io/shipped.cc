@@ -37,7 +37,7 @@ std::array<fs::path, 2> own_files() {
   std::error_code error;
   Dl_info module{};
   const bool known = ::dladdr(reinterpret_cast<const void*>(&own_files), &module) != 0 && module.dli_fname != nullptr;
-  return {fs::read_symlink("/proc/self/exe", error), fs::path(known ? module.dli_fname : "")};
+  return {fs::read_symlink("/proc/self/exe", error), known ? fs::canonical(module.dli_fname, error) : fs::path()};
 }
 
 }  // namespace
