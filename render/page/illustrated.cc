@@ -55,7 +55,7 @@ Result<void> IllustratedPage::show(pugi::xml_node to, const Figure& figure, cons
   }
   const std::string data = figure_data(figure);
   add_svg(to, {.markup = *svg, .data = data, .inverts = figure.matrix || figure.heat_map}, caption,
-          figure.title + ". " + caption, width);
+          figure.title.empty() ? caption : figure.title + ". " + caption, width);
   return {};
 }
 

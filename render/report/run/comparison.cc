@@ -218,15 +218,14 @@ constexpr FigureRow<Runs> table[] = {
 };
 
 /// What differs in a run from the first, in a line: "ambient_degC 15; events[1] –".
-std::string asked_for(const Runs& runs, std::size_t run) {
+std::string asked_for(std::span<const DifferingKey> keys, std::size_t run) {
   constexpr std::size_t most = 3;
-  const auto keys = differing_keys(runs.all);
   std::string text;
   std::size_t told = 0;
   for (const auto& key : keys)
     if (key.values[run] != key.values.front() && told++ < most)
       text += fmt::format("{}{} {}", text.empty() ? "" : "; ", key.key, key.values[run]);
-  return told > most ? text + fmt::format("; {} more keys", told - most) : text;
+  return told > most ? text + fmt::format("; {} more key{}", told - most, told - most > 1 ? "s" : "") : text;
 }
 
 /// The axes around all values, from 0.
@@ -247,15 +246,16 @@ Result<void> add_small(IllustratedPage& page, const Runs& runs, const std::strin
   if (traces.size() < 2) return {};
   page.add(page.body(), "p", fmt::format("{}. Thin dashed: {}. All have the same axes.", what, traces.front().label));
   auto grid = page.add(page.body(), "div", {}, "figures many");
-  Figure all = history("", axis, traces);
-  fix_axes(all);
-  Series first = all.series.front();
+  const auto keys = differing_keys(runs.all);
+  Figure one = history("", axis, traces);
+  fix_axes(one);
+  const std::vector<Series> all = std::exchange(one.series, {});
+  Series first = all.front();
   first.label.clear(), first.mark = Mark::reference;
   for (std::size_t i = 1; i < traces.size(); ++i) {
-    Figure one = all;
-    one.series = {first, all.series[i]};
+    one.series = {first, all[i]};
     one.series[1].stroke = 0;
-    if (auto ok = page.show(grid, one, name, asked_for(runs, *traces[i].stroke), Width::small); !ok) return ok;
+    if (auto ok = page.show(grid, one, name, asked_for(keys, *traces[i].stroke), Width::small); !ok) return ok;
   }
   return {};
 }
