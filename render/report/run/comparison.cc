@@ -81,8 +81,10 @@ void add_results(IllustratedPage& page, const Runs& runs) {
     add_row(rows, runs, joint.name + ": maximum temperature", "°C", "{:.2f}",
             [&](const RunData& r) { return of_joints(r, joint.name, &JointSummary::max_degC); });
   }
-  for (const auto& [what, key] : {std::pair{"friction work", "friction_work_J"}, {"motor work", "motor_work_J"}})
-    add_row(rows, runs, what, "kJ", "{:.5g}", [&](const RunData& r) { return number(r.summary, {key}) / 1e3; });
+  add_row(rows, runs, "friction work", "kJ", "{:.5g}",
+          [](const RunData& r) { return number(r.summary, {"friction_work_J"}) / 1e3; });
+  add_row(rows, runs, "motor work", "kJ", "{:.5g}",
+          [](const RunData& r) { return number(r.summary, {"motor_work_J"}) / 1e3; });
   add_row(rows, runs, "maximum load", "", "{:.3f}",
           [](const RunData& r) { return of_joints(r, "", &JointSummary::load_max); });
   add_row(rows, runs, "error against recording", "mrad", "{:.1f}", [](const RunData& r) {
