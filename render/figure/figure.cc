@@ -476,6 +476,22 @@ std::string curves(const Figure& f, FigureSize size) {
          "\n";
 }
 
+/// The drawing of a script. One gnuplot draws them all: its start takes longer than a figure.
+Result<std::string> by_gnuplot(const std::string& script) {
+  static constexpr std::string_view end = "tribotwin: end of the figure\n";
+  thread_local std::optional<Child> gnuplot;
+  if (!gnuplot) {
+    auto started = Child::start({{"gnuplot", "-d"}, "gnuplot-nox"}, Child::Stdout::answers);
+    if (!started) return tl::unexpected(started.error());
+    gnuplot.emplace(std::move(*started));
+  }
+  auto drawn = gnuplot->answer(fmt::format("reset\nundefine $*\n{}\nset output\nset print '-'\nprint {}\n", script,
+                                           quoted(std::string(end.substr(0, end.size() - 1)))),
+                               end);
+  if (!drawn) gnuplot.reset();
+  return drawn;
+}
+
 }  // namespace
 
 Result<Format> format_of(std::string_view file) {
@@ -493,7 +509,7 @@ Result<std::string> draw(const Figure& figure, Format format, FigureSize size) {
                               : figure.heat_map ? heat_map(figure, size)
                               : figure.ranking  ? ranking(figure, size)
                                                 : curves(figure, size));
-  auto drawn = run({{"gnuplot", "-d"}, "gnuplot-nox"}, script);
+  auto drawn = by_gnuplot(script);
   if (!drawn) return work_failed(fmt::format("figure '{}': {}", figure.title, drawn.error().message));
   return drawn;
 }

@@ -1,6 +1,8 @@
 #include <csignal>
 #include <cstring>
+#include <vector>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <gio/gio.h>
 #include <sys/mman.h>
@@ -13,39 +15,26 @@ namespace {
 
 struct Free {
   void operator()(GError* error) const { g_error_free(error); }
-  void operator()(GBytes* bytes) const { g_bytes_unref(bytes); }
 };
-using Bytes = std::unique_ptr<GBytes, Free>;
 
 std::string message(GError* error) { return std::unique_ptr<GError, Free>(error)->message; }
-
-std::string text(GBytes* bytes) {
-  gsize size = 0;
-  const auto* data = static_cast<const char*>(g_bytes_get_data(bytes, &size));
-  return {data, data + size};
-}
 
 std::string one_line(std::string said) {
   while (!said.empty() && g_ascii_isspace(said.back())) said.pop_back();
   return said.substr(said.find_first_not_of(" \n\r") == std::string::npos ? 0 : said.find_first_not_of(" \n\r"));
 }
 
-/// A file in memory that holds `input`, at its beginning; -1 and errno when there is none. A program that ends before
-/// it has read its input may break a pipe, and its error message would be lost; a file avoids that.
-int file_in_memory(std::string_view input) {
-  const int file = memfd_create("input", MFD_CLOEXEC);
-  while (file >= 0 && !input.empty()) {
-    const auto n = ::write(file, input.data(), input.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return close(file), -1;
-    input.remove_prefix(static_cast<std::size_t>(n));
-  }
-  if (file >= 0) lseek(file, 0, SEEK_SET);
-  return file;
+/// All that is in a file, wherever others read and write.
+std::string content(std::FILE* file) {
+  std::string all;
+  char buffer[4096];
+  for (ssize_t n; (n = pread(fileno(file), buffer, sizeof buffer, static_cast<off_t>(all.size()))) > 0;)
+    all.append(buffer, static_cast<std::size_t>(n));
+  return all;
 }
 
-/// `stdin_file` becomes the program's standard input and is closed here; -1: as `flags` say.
-Result<GSubprocess*> spawn(const Program& program, int flags, int stdin_file = -1) {
+/// `stderr_file` stays the caller's.
+Result<GSubprocess*> spawn(const Program& program, int flags, int stderr_file) {
   std::signal(SIGPIPE, SIG_IGN);  // a program that stops reading is reported as an error
   std::vector<const char*> argv;
   for (const auto& argument : program.arguments) argv.push_back(argument.c_str());
@@ -53,7 +42,7 @@ Result<GSubprocess*> spawn(const Program& program, int flags, int stdin_file = -
   GError* error = nullptr;
   const std::unique_ptr<GSubprocessLauncher, decltype(&g_object_unref)> launcher(
       g_subprocess_launcher_new(static_cast<GSubprocessFlags>(flags)), g_object_unref);
-  if (stdin_file >= 0) g_subprocess_launcher_take_stdin_fd(launcher.get(), stdin_file);
+  g_subprocess_launcher_take_stderr_fd(launcher.get(), fcntl(stderr_file, F_DUPFD_CLOEXEC, 0));
   GSubprocess* process = g_subprocess_launcher_spawnv(launcher.get(), argv.data(), &error);
   if (process) return process;
   const bool missing = g_error_matches(error, G_SPAWN_ERROR, G_SPAWN_ERROR_NOENT);
@@ -74,30 +63,17 @@ Result<void> verdict(const std::string& name, GSubprocess* process, const std::s
 
 }  // namespace
 
-Result<std::string> run(const Program& program, std::string_view input) {
-  const int script = file_in_memory(input);
-  if (script < 0)
-    return work_failed(fmt::format("{}: no memory for its input of {} bytes: {}", program.arguments[0], input.size(),
-                                   std::strerror(errno)));
-  auto process = spawn(program, G_SUBPROCESS_FLAGS_STDOUT_PIPE | G_SUBPROCESS_FLAGS_STDERR_PIPE, script);
-  if (!process) return tl::unexpected(process.error());
-  const std::unique_ptr<GSubprocess, decltype(&g_object_unref)> owner(*process, g_object_unref);
-  GBytes *out = nullptr, *err = nullptr;
-  GError* error = nullptr;
-  if (!g_subprocess_communicate(*process, nullptr, nullptr, &out, &err, &error))
-    return work_failed(fmt::format("{}: {}", program.arguments[0], message(error)));
-  const Bytes out_owner(out), err_owner(err);
-  if (auto good = verdict(program.arguments[0], *process, one_line(text(err))); !good)
-    return tl::unexpected(good.error());
-  return text(out);
-}
-
 void Child::Unref::operator()(GSubprocess* process) const { g_object_unref(process); }
 
-Result<Child> Child::start(const Program& program) {
-  auto process = spawn(program, G_SUBPROCESS_FLAGS_STDIN_PIPE | G_SUBPROCESS_FLAGS_STDERR_PIPE);
+Result<Child> Child::start(const Program& program, Stdout out) {
+  const std::string& name = program.arguments[0];
+  const int memory = memfd_create("stderr", MFD_CLOEXEC);
+  File said(memory < 0 ? nullptr : fdopen(memory, "r"), &std::fclose);
+  if (!said) return work_failed(fmt::format("{}: no memory for its messages: {}", name, std::strerror(errno)));
+  const int answers = out == Stdout::answers ? G_SUBPROCESS_FLAGS_STDOUT_PIPE : G_SUBPROCESS_FLAGS_NONE;
+  auto process = spawn(program, G_SUBPROCESS_FLAGS_STDIN_PIPE | answers, fileno(said.get()));
   if (!process) return tl::unexpected(process.error());
-  return Child(program.arguments[0], *process);
+  return Child(name, *process, std::move(said));
 }
 
 Child::~Child() {
@@ -117,15 +93,29 @@ Result<void> Child::write(std::string_view bytes) {
   return work_failed(ended ? fmt::format("{}: {}", name_, why) : ended.error().message);
 }
 
+Result<std::string> Child::answer(std::string_view input, std::string_view end) {
+  if (auto ok = write(input); !ok) return tl::unexpected(ok.error());
+  std::string said;
+  std::vector<char> buffer(65536);
+  while (!said.ends_with(end)) {
+    GError* error = nullptr;
+    const gssize n = g_input_stream_read(g_subprocess_get_stdout_pipe(process_.get()), buffer.data(), buffer.size(),
+                                         nullptr, &error);
+    if (n < 0) return work_failed(fmt::format("{}: {}", name_, message(error)));
+    if (n == 0) {
+      auto ended = finish();
+      return ended ? work_failed(name_ + " ended before its work was done") : ended;
+    }
+    said.append(buffer.data(), static_cast<std::size_t>(n));
+  }
+  said.resize(said.size() - end.size());
+  return said;
+}
+
 Result<std::string> Child::finish() {
   g_output_stream_close(g_subprocess_get_stdin_pipe(process_.get()), nullptr, nullptr);
-  std::string said;
-  char buffer[4096];
-  for (gssize n; (n = g_input_stream_read(g_subprocess_get_stderr_pipe(process_.get()), buffer, sizeof buffer, nullptr,
-                                          nullptr)) > 0;)
-    said.append(buffer, static_cast<std::size_t>(n));
   g_subprocess_wait(process_.get(), nullptr, nullptr);
-  said = one_line(said);
+  std::string said = one_line(content(said_.get()));
   const auto good = verdict(name_, process_.get(), said);
   process_.reset();
   if (!good) return tl::unexpected(good.error());

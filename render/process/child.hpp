@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdio>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -18,19 +19,21 @@ struct Program {
   std::string package;                 ///< Debian package that has it
 };
 
-/// Runs a program to its end and returns its stdout. Fails when it is not installed or ends with an error: the
-/// message has what it wrote to stderr.
-Result<std::string> run(const Program& program, std::string_view input);
-
-/// A program that reads input while it works. Its stdout is that of this process. Killed by the destructor.
+/// A program that reads input while it works. Killed by the destructor.
 class Child {
  public:
-  static Result<Child> start(const Program& program);
+  /// What becomes of the program's stdout: that of this process, or what `answer` returns.
+  enum class Stdout { ours, answers };
+  static Result<Child> start(const Program& program, Stdout out = Stdout::ours);
   Child(Child&&) noexcept = default;
   Child& operator=(Child&&) = delete;
   ~Child();
-  /// Fails when the program no longer reads its input.
+  /// Fails when the program no longer reads its input: the message has what it wrote to stderr.
   Result<void> write(std::string_view bytes);
+  /// With Stdout::answers: writes `input`, which the program must read to its end before it answers, and returns the
+  /// answer up to `end`, which the input must make it write. Fails when the program ends: the message has what it wrote
+  /// to stderr.
+  Result<std::string> answer(std::string_view input, std::string_view end);
   /// Ends the input and waits. Returns what the program wrote to stderr.
   Result<std::string> finish();
 
@@ -38,9 +41,12 @@ class Child {
   struct Unref {
     void operator()(GSubprocess* process) const;
   };
-  Child(std::string name, GSubprocess* process) : name_(std::move(name)), process_(process) {}
+  using File = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
+  Child(std::string name, GSubprocess* process, File said)
+      : name_(std::move(name)), process_(process), said_(std::move(said)) {}
   std::string name_;
   std::unique_ptr<GSubprocess, Unref> process_;
+  File said_;  ///< its stderr, in memory: a pipe that nobody reads would stop a program that says much
 };
 
 /// A word of a command that the user may copy into a shell: quoted where it must be.

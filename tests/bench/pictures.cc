@@ -33,6 +33,12 @@ T must(Result<T> value) {
   std::exit(1);
 }
 
+/// Its output is not shown.
+void run(const render::Program& program) {
+  auto child = must(render::Child::start(program, render::Child::Stdout::answers));
+  must(child.finish());
+}
+
 }  // namespace
 
 int main() {  // long: both sides share the model, the size and the file
@@ -50,10 +56,8 @@ int main() {  // long: both sides share the model, the size and the file
   const auto theirs = [&](int frames) {
     // The sample ends with exit code 1 when it is done; what it wrote says whether it was.
     const double t = seconds([&] {
-      must(render::run(
-          {{"sh", "-c", "mujoco-record \"$@\" || test $? = 1", "sh", mjb, fmt::format("{}", frames / 25.0), "25", raw},
-           "libmujoco-samples"},
-          ""));
+      run({{"sh", "-c", "mujoco-record \"$@\" || test $? = 1", "sh", mjb, fmt::format("{}", frames / 25.0), "25", raw},
+           "libmujoco-samples"});
     });
     const auto written = fs::file_size(raw),
                wanted = static_cast<std::uintmax_t>(frames) * size.width * size.height * 3;
@@ -89,9 +93,9 @@ int main() {  // long: both sides share the model, the size and the file
   fmt::print("frames per second, ours / record: median ratio {:.2f}, {:.2f} to {:.2f}\n", ratios[2], ratios.front(),
              ratios.back());
 
-  const fs::path run = folder / "warmup";
+  const fs::path folder_of_run = folder / "warmup";
   must(twin::run(twin::load_scenario(TRIBOTWIN_SOURCE_DIR "/twin/scenarios/irb6620_warmup.yaml").value(),
-                 {.directory = run}));
+                 {.directory = folder_of_run}));
   const auto cpu = [] {
     rusage used{};
     getrusage(RUSAGE_CHILDREN, &used);
@@ -99,7 +103,7 @@ int main() {  // long: both sides share the model, the size and the file
            1e-6 * static_cast<double>(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
   };
   const double before = cpu();
-  must(render::run({{TRIBOTWIN_REPORT, run.string(), "--quiet"}, "tribotwin"}, ""));
+  run({{TRIBOTWIN_REPORT, folder_of_run.string(), "--quiet"}, "tribotwin"});
   fmt::print("report of the warm-up: {:.1f} s of CPU\n", cpu() - before);
   fs::remove_all(folder);
   return 0;

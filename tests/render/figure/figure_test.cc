@@ -3,7 +3,10 @@
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
+#include <filesystem>
+#include <fstream>
 #include <random>
+#include <thread>
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -232,12 +235,57 @@ TEST(Figure, SameValuesSameBytes) {
   EXPECT_EQ(*draw(f, Format::png), *draw(f, Format::png));
 }
 
-TEST(Figure, MissingGnuplotIsNamed) {
-  const std::string path = std::getenv("PATH");
-  setenv("PATH", "/nonexistent", 1);
-  const std::string why = refusal({.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {0, 1}, .y = {1, 2}}}});
-  setenv("PATH", path.c_str(), 1);
-  EXPECT_NE(why.find("gnuplot is not installed; on Debian: apt-get install gnuplot-nox"), std::string::npos) << why;
+/// What `f` returns in a thread of its own, where gnuplot starts anew.
+template <class F>
+std::string with_new_gnuplot(const F& f) {
+  std::string out;
+  std::thread([&] { out = f(); }).join();
+  return out;
+}
+
+// One gnuplot draws them all, and none leaves anything to the next.
+TEST(Figure, IsTheSameAfterOthers) {
+  const Figure line{.title = "F", .x = plain_x, .y = plain_y, .series = {{.label = "a", .x = {0, 1}, .y = {1, 2}}}};
+  Figure map{.title = "H", .x = plain_x, .y = plain_y, .colour = Axis{.quantity = "c", .from = 0, .to = 1}};
+  map.heat_map = HeatMap{.columns = {"1", "2"}, .rows = {"a", "b"}, .values = {{0, 1}, {0.5, 0.2}}};
+  Figure surface{.title = "S", .x = plain_x, .y = plain_y, .z = plain_y};
+  surface.surface = Surface{{0, 1}, {0, 1}, {{0, 1}, {2, 3}}};
+  Figure ranking{.title = "R", .x = plain_x};
+  const Ranking::Bars bars{.label = "first", .values = {1, 2}, .low = {0.5, 1}, .high = {2, 3}};
+  ranking.ranking = Ranking{.names = {"a", "b"}, .bars = {bars}};
+  Figure square = line;
+  square.same_scale = true;
+  square.colour = Axis{.quantity = "c", .from = 0, .to = 1};
+  const std::vector<Figure> all{line, map, surface, ranking, square};
+  for (const Format format : {Format::svg, Format::png})
+    for (const Figure& f : all) {
+      const std::string alone = with_new_gnuplot([&] { return draw(f, format).value(); });
+      for (const Figure& before : all) {
+        ASSERT_TRUE(draw(before, format)) << before.title;
+        const auto after = draw(f, format);
+        ASSERT_TRUE(after) << after.error().message;
+        EXPECT_EQ(*after, alone) << f.title << " after " << before.title;
+      }
+    }
+}
+
+TEST(Figure, MissingOrFailedGnuplotIsNamedAndStartedAgain) {
+  const Figure f{.title = "F", .x = plain_x, .y = plain_y, .series = {{.x = {0, 1}, .y = {1, 2}}}};
+  const std::string path = std::getenv("PATH"), folder = testing::TempDir() + "broken_gnuplot";
+  std::filesystem::create_directories(folder);
+  std::ofstream(folder + "/gnuplot") << "#!/bin/sh\nyes 'out of ink' | head -n 100000 >&2\nexit 3\n";
+  std::filesystem::permissions(folder + "/gnuplot", std::filesystem::perms::owner_all);
+  const std::string said = with_new_gnuplot([&] {
+    setenv("PATH", "/nonexistent", 1);
+    const std::string missing = refusal(f);
+    setenv("PATH", (folder + ":" + path).c_str(), 1);
+    const std::string failed = refusal(f);
+    setenv("PATH", path.c_str(), 1);
+    return missing + "\n" + failed.substr(0, 100) + "\n" + (draw(f, Format::svg) ? "drawn" : "not drawn");
+  });
+  EXPECT_NE(said.find("gnuplot is not installed; on Debian: apt-get install gnuplot-nox\n"), std::string::npos) << said;
+  EXPECT_NE(said.find("gnuplot ended with exit code 3: out of ink"), std::string::npos) << said;
+  EXPECT_TRUE(said.ends_with("\ndrawn")) << said;
 }
 
 // Lightness and dashes distinguish neighbours without colour.
