@@ -4,6 +4,7 @@
 #include <map>
 #include <set>
 #include <string_view>
+#include <tuple>
 #include <utility>
 
 #include <Eigen/Dense>
@@ -114,8 +115,10 @@ SweepView::SweepView(const twin::sweep::StoredSweep& stored) : sweep(stored) {
     for (std::size_t k = 0; k < factors.size(); ++k) factors[k].push_back(to_number(run.values[k]).value_or(no_value));
     for (std::size_t o = 0; o < outputs.size(); ++o) outputs[o].push_back(run.outputs[o]);
   }
-  for (std::size_t o = 0; o < outputs.size(); ++o)
-    quantities.emplace_back(sweep.outputs[o].name, unit_in(sweep.outputs[o].expression), outputs[o]);
+  for (std::size_t o = 0; o < outputs.size(); ++o) {
+    const auto& [name, expression] = std::tie(sweep.outputs[o].name, sweep.outputs[o].expression);
+    quantities.emplace_back(name == expression ? in_words(name) : name, unit_in(expression), outputs[o]);
+  }
 }
 
 const nlohmann::json& SweepView::statistics(std::size_t output) const {
@@ -285,10 +288,13 @@ std::optional<Drawing> surface_over(const SweepView& view, std::size_t output, s
   const double explained = 1 - left / whole;
   if (!(explained >= 0.5)) return {};
   Surface surface{.x = evenly(x_low, x_high, 30), .y = evenly(y_low, y_high, 30), .z = {}};
+  double lowest = 0;
   for (const double y : surface.y) {
     auto& row = surface.z.emplace_back();
     for (const double x : surface.x) row.push_back(terms(x, y).dot(fitted));
+    lowest = std::min(lowest, std::ranges::min(row));
   }
+  if (z.minCoeff() >= 0 && lowest < -std::sqrt(left)) return {};  // times and heats below zero: it is no quadratic
   const Quantity& q = view.quantities[output];
   Figure f{.title = fmt::format("{}, quadratic", q.name),
            .x = view.axis_of_key(key),

@@ -11,6 +11,7 @@
 #include <tribotwin/render/report/sweep/sweep_figures.hpp>
 #include <tribotwin/render/report/sweep/sweep_report.hpp>
 #include <tribotwin/twin/io/command_line/version.hpp>
+#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -79,10 +80,9 @@ class Writer {
     const auto& s = view_.statistics(*first);
     const std::size_t values = s["count"].get<std::size_t>();
     const double low = number_in(s["min"]), high = number_in(s["max"]);
-    if (low == high)
-      return text + fmt::format("In all {} {} is {}.", runs_text(values), words(*first), q.with_unit(low));
+    if (low == high) return text + fmt::format("In all {} {} is {}.", runs_text(values), q.name, q.with_unit(low));
     text +=
-        fmt::format("The mean of {} is {} over {}, which lie between {} and {}", words(*first), q.estimated(s["mean"]),
+        fmt::format("The mean of {} is {} over {}, which lie between {} and {}", q.name, q.estimated(s["mean"]),
                     sweep_.indices ? fmt::format("the {} that are independent", runs_text(values)) : runs_text(values),
                     q.number(low, high - low), q.with_unit(high, high - low));
     return text + strongest(*first) + trouble();
@@ -107,12 +107,6 @@ class Writer {
     if (const auto warned = count("warned"))
       text += fmt::format(" {} {} not what the scenario asks for.", runs_text(warned), was_were(warned));
     return text;
-  }
-
-  /// The output as people call it: by the name in the plan, else in words.
-  std::string words(std::size_t output) const {
-    const std::string& name = view_.quantities[output].name;
-    return name == sweep_.outputs[output].expression ? in_words(name) : name;
   }
 
   std::optional<std::size_t> first_with_values() const {
@@ -149,7 +143,7 @@ class Writer {
     const Limits limits = limits_in(all.front().value);
     if (limits.there() && limits.low <= 0 && limits.high >= 0)
       return "make more runs, or vary more, where the leading factor has to be known.";
-    return fmt::format("to change {}, change {} first; to predict it, know that best.", words(*first),
+    return fmt::format("to change {}, change {} first; to predict it, know that best.", view_.quantities[*first].name,
                        all.front().name);
   }
 
@@ -169,7 +163,7 @@ class Writer {
       const auto& mean = view_.statistics(o)["mean"];
       const Limits limits = limits_in(mean);
       const double half = limits.there() ? (limits.high - limits.low) / 2 : 0;
-      tiles.push_back({"mean of " + words(o), q.with_unit(number_in(mean["value"]), half),
+      tiles.push_back({"mean of " + view_.quantities[o].name, q.with_unit(number_in(mean["value"]), half),
                        limits.there()
                            ? fmt::format("95 %: {} … {}", q.number(limits.low, half), q.number(limits.high, half))
                            : "of all combinations"});
@@ -233,6 +227,7 @@ class Writer {
     std::vector<std::vector<std::string>> rows;
     for (std::size_t o = 0; o < sweep_.outputs.size(); ++o) rows.push_back(row_of(o));
     page_.add_table(to, header, rows);
+    name_columns(to);
     auto grid = page_.add(to, "div", {}, "figures");
     for (std::size_t o = 0; o < drawn(); ++o) {
       const auto& s = view_.statistics(o);
@@ -242,6 +237,15 @@ class Writer {
     }
     if (!grid.first_child()) to.remove_child(grid);
     return {};
+  }
+
+  /// Outputs without a name of the plan's are called in words: what their columns in results.csv are.
+  void name_columns(pugi::xml_node to) {
+    std::vector<std::string> columns;
+    for (std::size_t o = 0; o < sweep_.outputs.size(); ++o)
+      if (const auto& name = view_.quantities[o].name; name != sweep_.outputs[o].name)
+        columns.push_back(name + " is " + sweep_.outputs[o].name);
+    if (!columns.empty()) page_.add(to, "p", "In results.csv, " + twin::joined(columns, "; ") + ".", "soft");
   }
 
   /// Whether every output has a value of each run that counts.

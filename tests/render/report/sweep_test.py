@@ -80,14 +80,18 @@ check(
     said.startswith("The mean of friction heat is") and "mean of heat_J" not in text,
     said,
 )
+headings = re.findall(r"<h3>(.*?)</h3>|<text[^>]*>(.*?)</text>", content("runs/small/report.html"), re.S)
+raw = [h for both in headings for h in both if "heat_J" in h or "max_abs" in h or "temperature_degC.end" in h]
+check("sweep: no heading and no figure has an output's expression", headings and not raw, raw[:3])
 check("sweep: no folder of this machine", harness.work not in content("runs/small/report.html"))
 for what in (
     "Sweep small",
     "a pendulum & <its> friction",
     "Sobol' sequence, seed 3",
     "MuJoCo",
-    "joints.hinge.temperature_degC.end [°C]",
-    "max_abs(hinge.friction_nm) [Nm]",
+    "temperature of hinge at the end [°C]",
+    "largest friction of hinge [Nm]",
+    "largest friction of hinge is max_abs(hinge.friction_nm).",
     "Over time",
     *statistics["notes"],
 ):
@@ -95,7 +99,7 @@ for what in (
 
 rows = list(csv.DictReader(open(path("runs", "small", "results.csv"))))
 worst = max(rows, key=lambda row: float(row["heat_J"]))
-line = re.search(r"largest heat_J\t(\d+)\t([\d.]+) J", text)
+line = re.search(r"largest friction heat\t(\d+)\t([\d.]+) J", text)
 check(
     "sweep: the worst run is that of the table",
     line and line[1] == worst["run"] and abs(float(line[2]) / float(worst["heat_J"]) - 1) < 0.05,
