@@ -94,6 +94,8 @@ ORDER = {
         "report/record",
         "report/run",
         "report/sweep",
+        "report/thermal",
+        "report/thermal",
         "report/fleet",
         "commands",
         "",

@@ -334,6 +334,11 @@ commands = [
             ("fit.html",),
         ),
         Command(
+            "report thermal",
+            ("report", "thermal", "{in}/thermal.yaml", "{in}/thermal.csv", "-o", "thermal.html"),
+            ("thermal.html",),
+        ),
+        Command(
             "report curve",
             ("report", "curve", "{in}/pendulum.xml", "--joint", "hinge", "-o", "curve.svg"),
             ("curve.svg",),
@@ -932,6 +937,7 @@ def make_results():
         "temperature_degC=30",
     )
     made("tribotwin", "identify", "--law", "stribeck", "curves.csv", "-o", "params.yaml", "--quiet")
+    made("tribotwin", "thermal", "thermal.csv", "-o", "thermal.yaml", "--quiet")
     made("tribotwin", "diagnose", "learn", "healthy.csv", "-o", "healthy.yaml", "--quiet")
     made("tribotwin", "sweep", "plan.yaml", "-o", "swept", "--quiet")
     made("tribotwin", "fleet", "learn", "fleet.csv", "-o", "plant.db", "--quiet")

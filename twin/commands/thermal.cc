@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <memory>
 
 #include <fmt/format.h>
@@ -9,10 +8,10 @@
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_chain_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_prediction.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_torque.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
-#include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -52,30 +51,14 @@ void require_thermometer_or_rest(const Arguments& a, const JointHeat& joint) {
 }
 
 /// All joints of all files; each joint has the sessions of the files that contain it.
-std::vector<JointHeat> read(const Arguments& a) {
-  if (a.cycle_s.size() > 1 && a.cycle_s.size() != a.data.size())
-    throw InputError(fmt::format("--work-cycle: {} values for {} files; give one, or one for each", a.cycle_s.size(),
-                                 a.data.size()));
+ThermalRecordings read(const Arguments& a) {
   refuse_twice(a.data);
-  const TableOptions options = or_wrong_input(a.tables.options());
-  std::vector<JointHeat> joints;
-  std::vector<std::string> notes;
-  for (std::size_t f = 0; f < a.data.size(); ++f) {
-    auto recording =
-        read_thermal_recording(a.data[f], f, a.cycle_s.empty() ? 0 : a.cycle_s[a.cycle_s.size() == 1 ? 0 : f], options);
-    if (!recording) throw InputError(recording.error().message);
-    std::ranges::move(recording->notes, std::back_inserter(notes));
-    for (auto& joint : recording->joints) {
-      auto at = std::ranges::find(joints, joint.name, &JointHeat::name);
-      if (at == joints.end()) at = joints.insert(joints.end(), {.name = joint.name});
-      std::ranges::move(joint.sessions, std::back_inserter(at->sessions));
-    }
-  }
+  auto all = or_wrong_input(read_thermal_recordings(a.data, a.cycle_s, or_wrong_input(a.tables.options())));
   if (a.evaluate.empty())
-    for (const auto& joint : joints) require_thermometer_or_rest(a, joint);
+    for (const auto& joint : all.joints) require_thermometer_or_rest(a, joint);
   if (!a.quiet)
-    for (const auto& text : notes) note("{}", text);
-  return joints;
+    for (const auto& text : all.notes) note("{}", text);
+  return all;
 }
 
 template <class Fit>
@@ -210,7 +193,7 @@ auto fit_files(const Arguments& a, const JointHeat& joint, const Fitted& fitted,
 }
 
 Result<Exit> identify(const Arguments& a) {
-  const auto joints = read(a);
+  const auto joints = read(a).joints;
   std::vector<NamedThermalFit> fits;
   Json j{{"joints", Json::object()}};
   TextTable table = estimates_table("from");
@@ -249,7 +232,7 @@ Result<Exit> identify(const Arguments& a) {
 }
 
 Result<Exit> identify_chain(const Arguments& a) {
-  const auto joints = read(a);
+  const auto joints = read(a).joints;
   for (const auto& joint : joints)
     if (!std::ranges::all_of(joint.sessions, has_temperature))
       throw InputError(
@@ -296,67 +279,27 @@ Result<Exit> identify_chain(const Arguments& a) {
   return deliver(a.json ? j.dump(2) + "\n" : table.text());
 }
 
-/// Predicted temperatures of every session of every joint from the first temperatures alone.
-std::vector<std::vector<std::vector<double>>> predictions(const Arguments& a, const std::vector<JointHeat>& joints) {
-  std::vector<std::vector<std::vector<double>>> out(joints.size());
-  for (const auto& joint : joints)
-    for (const auto& session : joint.sessions)
-      if (!has_temperature(session))
-        throw InputError(
-            fmt::format("{}: has no column temperature_{}_degC to compare with", a.data[session.file], joint.name));
-  if (or_wrong_input(is_thermal_chain(a.evaluate))) {
-    const auto chain = or_wrong_input(read_thermal_chain(a.evaluate));
-    if (!std::ranges::equal(joints, chain.joints, {}, &JointHeat::name))
-      throw InputError(fmt::format("{}: chain: its joints are {}, those of {} are not, in this order", a.evaluate,
-                                   joined(chain.joints), a.data.front()));
-    for (std::size_t s = 0; s < joints.front().sessions.size(); ++s) {
-      const auto predicted = predicted_temperatures(chain, joints, s);
-      for (std::size_t k = 0; k < joints.size(); ++k) {
-        const auto own = predicted.row(static_cast<Eigen::Index>(k));
-        out[k].emplace_back(own.begin(), own.end());
-      }
-    }
-    return out;
-  }
-  const auto models = or_wrong_input(read_thermal(a.evaluate));
-  for (std::size_t k = 0; k < joints.size(); ++k) {
-    const auto& joint = joints[k];
-    const auto model = std::ranges::find(models, joint.name, [](const auto& m) { return m.first; });
-    if (model == models.end())
-      throw InputError(fmt::format("{}: joints: has no '{}', of which {} has a temperature", a.evaluate, joint.name,
-                                   a.data[joint.sessions.front().file]));
-    for (const auto& session : joint.sessions) out[k].push_back(predicted_temperature(model->second, session));
-  }
-  return out;
-}
-
 Result<Exit> evaluate(const Arguments& a) {
-  const auto joints = read(a);
-  const auto all = predictions(a, joints);
+  const auto recordings = read(a);
+  const auto all = or_wrong_input(predict_temperatures(a.evaluate, recordings));
   Json j{{"joints", Json::object()}};
   constexpr auto right = TextTable::right;
   TextTable table{{TextTable::left("joint"), right("error rms K"), right("largest K"), right("from degC"),
                    right("samples"), TextTable::left("session")}};
   double worst = 0;
-  for (std::size_t k = 0; k < joints.size(); ++k)
-    for (std::size_t s = 0; s < joints[k].sessions.size(); ++s) {
-      const auto& session = joints[k].sessions[s];
-      const auto& predicted = all[k][s];
-      double squares = 0, largest = 0;
-      for (std::size_t i = 0; i < predicted.size(); ++i) {
-        const double error = predicted[i] - session.temperature_degC[i];
-        squares += error * error;
-        largest = std::max(largest, std::abs(error));
-      }
-      const double rms = std::sqrt(squares / static_cast<double>(predicted.size()));
-      worst = std::max(worst, rms);
-      j["joints"][joints[k].name].push_back({{"file", a.data[session.file]},
-                                             {"from_s", session.time_s.front()},
-                                             {"rms_K", rms},
-                                             {"largest_K", largest},
-                                             {"samples", predicted.size()}});
-      table.add({joints[k].name, fmt::format("{:.3f}", rms), fmt::format("{:.3f}", largest),
-                 fmt::format("{:.2f}", session.temperature_degC.front()), fmt::format("{}", predicted.size()),
+  for (std::size_t k = 0; k < all.size(); ++k)
+    for (std::size_t s = 0; s < all[k].size(); ++s) {
+      const auto& joint = recordings.joints[k];
+      const auto& session = joint.sessions[s];
+      const auto& p = all[k][s];
+      worst = std::max(worst, p.rms_K);
+      j["joints"][joint.name].push_back({{"file", a.data[session.file]},
+                                         {"from_s", session.time_s.front()},
+                                         {"rms_K", p.rms_K},
+                                         {"largest_K", p.largest_K},
+                                         {"samples", p.temperature_degC.size()}});
+      table.add({joint.name, fmt::format("{:.3f}", p.rms_K), fmt::format("{:.3f}", p.largest_K),
+                 fmt::format("{:.2f}", session.temperature_degC.front()), fmt::format("{}", p.temperature_degC.size()),
                  fmt::format("{} from {:.6g} s", a.data[session.file], session.time_s.front())});
     }
   j["worst_rms_K"] = worst;

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <optional>
 #include <span>
 
@@ -355,6 +356,25 @@ Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& fil
   auto cycles = cycle_rows(file, index, cycle_s, min_samples);
   if (!cycles) return tl::unexpected(cycles.error());
   return *cycles ? *std::move(*cycles) : from_samples(file, index, cycle_s, options);
+}
+
+Result<ThermalRecordings> read_thermal_recordings(const std::vector<std::string>& files,
+                                                  std::span<const double> cycle_s, const TableOptions& options) {
+  if (cycle_s.size() > 1 && cycle_s.size() != files.size())
+    return tl::unexpected(Error(
+        fmt::format("--work-cycle: {} values for {} files; give one, or one for each", cycle_s.size(), files.size())));
+  ThermalRecordings all{.files = files};
+  for (std::size_t f = 0; f < files.size(); ++f) {
+    auto one = read_thermal_recording(files[f], f, cycle_s.empty() ? 0 : cycle_s[cycle_s.size() == 1 ? 0 : f], options);
+    if (!one) return tl::unexpected(one.error());
+    std::ranges::move(one->notes, std::back_inserter(all.notes));
+    for (auto& joint : one->joints) {
+      auto at = std::ranges::find(all.joints, joint.name, &JointHeat::name);
+      if (at == all.joints.end()) at = all.joints.insert(all.joints.end(), {.name = joint.name});
+      std::ranges::move(joint.sessions, std::back_inserter(at->sessions));
+    }
+  }
+  return all;
 }
 
 }  // namespace tribotwin::twin::identification

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -45,5 +46,16 @@ struct ThermalRecording {
 /// implausible for a gearbox or where none changes. Where some do, the joints of the others are left out with a note.
 Result<ThermalRecording> read_thermal_recording(const std::filesystem::path& file, std::size_t index,
                                                 double cycle_s = 0, const TableOptions& options = {});
+
+/// All joints of several recordings, each with the sessions of the files that have it.
+struct ThermalRecordings {
+  std::vector<std::string> files;
+  std::vector<JointHeat> joints;
+  std::vector<std::string> notes;
+};
+/// `cycle_s`: of no file, of all, or of each (ErrorKind::input where there is another number of them).
+Result<ThermalRecordings> read_thermal_recordings(const std::vector<std::string>& files,
+                                                  std::span<const double> cycle_s = {},
+                                                  const TableOptions& options = {});
 
 }  // namespace tribotwin::twin::identification

@@ -1,0 +1,160 @@
+"""tribotwin-report thermal: the page in a real browser, its numbers against those of tribotwin thermal, recordings that
+the models have not seen or do not explain, a short one, a chain, wrong input. Arguments: tribotwin, its report."""
+import json, math, os, re, sys
+
+import numpy as np
+
+from browser import Browser, opening
+import harness
+from harness import check, check_refused, content, finish, path, work
+
+twin, report = sys.argv[1:3]
+page_of = Browser(work, check).check_page
+STEP_S = 20.0
+
+
+def run(program, *arguments):
+    return harness.run(program, *arguments, *(["--force"] if program == report else []))
+
+
+def recording(name, seed, watts, hours=12.0, faulty_from_s=np.inf):
+    """Two joints, one body each: 0.8 K/W and 1,500 s, 0.5 K/W and 2,500 s; work in waves and rest, 20 mK of noise. From
+    faulty_from_s on the second has four times the recorded heat."""
+    fine_s = 2.0
+    time_s = np.arange(0, hours * 3600, fine_s)
+    noise, every = np.random.default_rng(seed), int(STEP_S / fine_s)
+    power = watts * np.where(time_s % 9000 < 6000, np.sin(np.pi * (time_s % 9000) / 6000) ** 2, 0)
+    columns, head = [time_s[::every]], ["time_s"]
+    for joint, (r_th, kappa_s) in {"shoulder": (0.8, 1500.0), "elbow": (0.5, 2500.0)}.items():
+        heat = power * np.where((time_s >= faulty_from_s) & (joint == "elbow"), 4.0, 1.0)
+        rise, decay = np.zeros(time_s.size), np.exp(-fine_s / kappa_s)
+        for k in range(1, time_s.size):
+            rise[k] = rise[k - 1] * decay + (heat[k] + heat[k - 1]) / 2 * r_th * (1 - decay)
+        columns += [power[::every], 21 + rise[::every] + noise.normal(0, 0.02, columns[0].size)]
+        head += [f"power_{joint}_w", f"temperature_{joint}_degC"]
+    np.savetxt(path(name), np.column_stack(columns), delimiter=",", header=",".join(head), comments="")
+
+
+def digits(v, count):
+    """As the page rounds: so many digits, and all before the point."""
+    return round(v, max(0, count - 1 - math.floor(math.log10(abs(v)))))
+
+
+def errors(*data):
+    """joint, file -> rms, largest [K]."""
+    r = run(twin, "thermal", *data, "--evaluate", "thermal.yaml", "--json")
+    return {
+        (j, e["file"]): (e["rms_K"], e["largest_K"]) for j, all in json.loads(r.stdout)["joints"].items() for e in all
+    }
+
+
+def rows(text, first):
+    """Cells of the table rows that begin with `first`, as they stand in the page's source."""
+    cells = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, re.S) for row in re.findall(r"<tr>(.*?)</tr>", text, re.S)]
+    return [c for c in cells if c and c[0] == first]
+
+
+recording("monday.csv", 1, 30)
+recording("tuesday.csv", 2, 20)
+recording("faulty.csv", 3, 20, faulty_from_s=3000)
+r = run(twin, "thermal", "monday.csv", "-o", "thermal.yaml", "--json", "--rested")
+found = json.loads(r.stdout)["joints"]
+check("identified", r.returncode == 0 and not found["elbow"]["unidentifiable"], r.stdout)
+
+# Of the recordings that the models are from, which the file names.
+r = run(report, "thermal", "thermal.yaml", "-o", "own.html", "--png", "--robot", "arm 3")
+check("own data: the page is written", r.returncode == 0 and r.stdout.endswith("own.html\n"), r)
+page_of("thermal", path("own.html"), 0, 4)
+own = content("own.html")
+said, e = opening(own), errors("monday.csv")
+worst = max(rms for rms, _ in e.values())
+check(
+    "own data: green, with its rule",
+    said["light"] == "Green" and "25 %" in said["rule"] and "5 %" in said["rule"],
+    said,
+)
+check(
+    "own data: the verdict has the largest errors",
+    f"within {worst:.2g} K" in said["verdict"]
+    and f"largest error {max(l for _, l in e.values()):.2g} K" in said["verdict"]
+    and "the recordings that the models are from" in said["verdict"],
+    (said, e),
+)
+check("own data: what to do, and whose", "another day" in said["action"] and said["identity"].startswith("arm 3"), said)
+for joint in ("shoulder", "elbow"):
+    shown = rows(own, joint)
+    check(
+        f"own data: errors of {joint} are those of --evaluate",
+        [f"{x:.3f}" for x in e[joint, "monday.csv"]] == [shown[0][4], shown[0][6]],
+        (shown, e),
+    )
+    for row in shown[1:]:
+        p = found[joint]["parameters"][row[1]]
+        check(
+            f"own data: {joint}, {row[1]}",
+            [float(x) for x in row[2:4]] == [digits(p["value"], 4), digits(p["sigma"], 2)],
+            (row, p),
+        )
+check("own data: every figure is a file", len(os.listdir(path("own_figures"))) == 4, os.listdir(path("own_figures")))
+
+# Of another day.
+r = run(report, "thermal", "thermal.yaml", "tuesday.csv", "-o", "tuesday.html")
+said, e = opening(content("tuesday.html")), errors("tuesday.csv")
+check(
+    "another day: said, and green",
+    said["light"] == "Green"
+    and "have not seen" in said["verdict"]
+    and f"within {max(rms for rms, _ in e.values()):.2g} K" in said["verdict"],
+    (said, e),
+)
+
+# A joint that something else heats.
+r = run(report, "thermal", "thermal.yaml", "tuesday.csv", "faulty.csv", "-o", "faulty.html")
+said = opening(content("faulty.html"))
+check(
+    "a fault: red, and the joint is named",
+    said["light"] == "Red"
+    and "elbow is worst" in said["verdict"]
+    and "do not use the model of elbow" in said["action"],
+    said,
+)
+
+# Seven minutes identify nothing: amber, no numbers that are none.
+recording("short.csv", 4, 30, hours=0.12)
+r = run(twin, "thermal", "short.csv", "-o", "short.yaml", "--json")
+lacking = {j: [n for n in x["unidentifiable"] if n != "T_amb"] for j, x in json.loads(r.stdout)["joints"].items()}
+check("a short record lacks parameters", all(lacking.values()), lacking)
+run(report, "thermal", "short.yaml", "-o", "short.html")
+short = content("short.html")
+said = opening(short)
+check("a short record: amber, and what to record", said["light"] == "Amber" and "record longer" in said["action"], said)
+check(
+    "a short record: its parameters are no numbers",
+    all(row[2] == "–" and row[3] == "–" for j in lacking for row in rows(short, j)[1:] if row[1] in lacking[j])
+    and sum(row[2] == "–" for j in lacking for row in rows(short, j)[1:]) == sum(map(len, lacking.values())),
+    (lacking, [rows(short, j) for j in lacking]),
+)
+
+# A chain.
+r = run(twin, "thermal", "monday.csv", "--chain", "-o", "chain.yaml", "--quiet")
+r = run(report, "thermal", "chain.yaml", "-o", "chain.html")
+check(
+    "a chain: its exchange is in the table",
+    r.returncode == 0 and rows(content("chain.html"), "all")[0][1] == "exchange",
+    r,
+)
+
+# Wrong input.
+refused = lambda name, *arguments, says: check_refused(name, run(report, "thermal", *arguments, "-o", "x.html"), says)
+os.rename(path("short.csv"), path("away.csv"))
+refused("data that are gone", "short.yaml", says=["short.yaml: data: short.csv is neither in the working directory"])
+with open(path("other.csv"), "w") as f:
+    f.write(content("monday.csv").replace("elbow", "wrist"))
+refused("another robot's data", "thermal.yaml", "other.csv", says=["thermal.yaml: joints: has no 'wrist'", "other.csv"])
+with open(path("law.yaml"), "w") as f:
+    f.write("law: stribeck\nparameters: {}\n")
+refused(
+    "a file of another kind", "law.yaml", "monday.csv", says=["law.yaml", "tribotwin identify", "tribotwin thermal"]
+)
+check("nothing is left of what failed", not os.path.exists(path("x.html")))
+finish()
