@@ -19,11 +19,12 @@ struct Call {
 using AddCommand = void(CLI::App& app, Call& call);
 
 /// add_report is the program without a command: the page of runs.
-AddCommand add_report, add_pose, add_curve, add_fit, add_thermal, add_diagnosis, add_days, add_study, add_sweep,
-    add_fleet, add_sheet, add_video;
+AddCommand add_report, add_pose, add_curve, add_fit, add_thermal, add_dynamics, add_diagnosis, add_days, add_study,
+    add_sweep, add_fleet, add_sheet, add_video;
 
 /// In the order of the help.
-constexpr AddCommand* commands[] = {add_report, add_pose,  add_curve, add_fit,   add_thermal, add_diagnosis,
-                                    add_days,   add_study, add_sweep, add_fleet, add_sheet,   add_video};
+constexpr AddCommand* commands[] = {add_report,   add_pose,      add_curve, add_fit,   add_thermal,
+                                    add_dynamics, add_diagnosis, add_days,  add_study, add_sweep,
+                                    add_fleet,    add_sheet,     add_video};
 
 }  // namespace tribotwin::render::program

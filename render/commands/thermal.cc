@@ -14,9 +14,9 @@ struct Arguments : PageOptions {
 };
 
 int execute(const Arguments& a, const std::string& command_line) {
-  const PageFile page(a, "thermal.html", inputs(a.data, a.parameters));
   const auto tables = twin::or_wrong_input(a.tables.options());
   const auto data = twin::or_wrong_input(load_thermal(a.parameters, a.data, a.cycle_s, tables));
+  const PageFile page(a, "thermal.html", inputs(data.recordings.files, a.parameters));
   return page.make(command_line, [&](const ReportOptions& options) { return make_thermal_report(data, options); });
 }
 

@@ -78,7 +78,7 @@ void compute_residuals(FitData& fit) {
 std::optional<fs::path> named_file(const std::string& name, const fs::path& by) {
   std::error_code error;
   for (const fs::path& file : {fs::path(name), by.parent_path() / name})
-    if (fs::is_regular_file(file, error)) return file;
+    if (fs::exists(file, error)) return file;
   return std::nullopt;
 }
 

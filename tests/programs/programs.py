@@ -339,6 +339,9 @@ commands = [
             ("thermal.html",),
         ),
         Command(
+            "report dynamics", ("report", "dynamics", "{in}/predicted.json", "-o", "dynamics.html"), ("dynamics.html",)
+        ),
+        Command(
             "report curve",
             ("report", "curve", "{in}/pendulum.xml", "--joint", "hinge", "-o", "curve.svg"),
             ("curve.svg",),
@@ -806,6 +809,7 @@ def made(program, *arguments):
     r = subprocess.run([programs[program], *arguments], cwd=inputs, capture_output=True, text=True, timeout=120)
     if r.returncode:
         sys.exit(f"an input cannot be made: {program} {arguments}: {r.returncode} {r.stderr}")
+    return r.stdout
 
 
 def kill_while_running(folder, seconds, *settings):
@@ -971,6 +975,8 @@ def make_results():
         "robot.yaml",
         "--quiet",
     )
+    predict = ("predict", "pendulum.xml", "robot.yaml", "recorded.csv", "-o", "predicted.csv", "--json", "--quiet")
+    write("predicted.json", made("tribotwin", *predict))
 
 
 def record_a_session():

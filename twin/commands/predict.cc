@@ -179,6 +179,14 @@ double largest_growth(const DynamicsFile& file) {
   return largest;
 }
 
+/// For tribotwin-report dynamics, which reads them again.
+Json origin_of(const Arguments& a) {
+  return {{"model", a.model},
+          {"parameters", a.parameters},
+          {"data", a.data},
+          {"table", a.output.named() ? Json(a.output.file) : Json(nullptr)}};
+}
+
 Json bodies_of(const Arguments& a, const DynamicsFile& file) {
   return {{"used", takes_consistent(a, file) ? "consistent" : "least_squares"},
           {"same", file.consistent ? Json(file.consistent->same) : Json(nullptr)},
@@ -206,7 +214,8 @@ std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::M
   std::string s = "time_s";
   for (Index j = 0; j < predicted.rows(); ++j) {
     const char* unit = robot.regressor.is_slide(j) ? "n" : "nm";
-    s += fmt::format(",torque_{0}_{1},predicted_{0}_{1},temperature_{0}_degC", robot.regressor.joint_name(j), unit);
+    s += fmt::format(",torque_{0}_{1},predicted_{0}_{1},temperature_{0}_degC,moving_{0}", robot.regressor.joint_name(j),
+                     unit);
   }
   s += '\n';
   for (Index i = 0; i < motion.size(); ++i) {
@@ -215,7 +224,7 @@ std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::M
     for (Index j = 0; j < predicted.rows(); ++j) {
       for (const double torque : {measured_then.torque(j, i), predicted_then.torque(j, i)})
         s += std::isnan(torque) ? "," : fmt::format(",{:.9g}", torque);
-      s += fmt::format(",{:.7g}", motion.temperature_degC(j, i));
+      s += fmt::format(",{:.7g},{:d}", motion.temperature_degC(j, i), motion.moving(j, i));
     }
     s += '\n';
   }
@@ -343,7 +352,7 @@ Result<Exit> execute(const Arguments& a) {
   blank(a, robot, file, lacking, predicted);
   const std::string wrench_csv = a.wrench.empty() ? std::string() : wrench_csv_of(a, robot, motion, predicted);
   const Judgement judgement = judged(a, robot, file, parameters, motion, with_temperature, predicted);
-  Json j{{"joints", Json::object()}, {"bodies", bodies_of(a, file)}};
+  Json j{{"of", origin_of(a)}, {"joints", Json::object()}, {"bodies", bodies_of(a, file)}};
   constexpr auto right = TextTable::right;
   TextTable table{{TextTable::left("joint"), right("error rms"), right("of its range"), right("range"),
                    right("largest"), TextTable::left(), right("samples"), right("outside training"),
@@ -377,7 +386,7 @@ Result<Exit> execute(const Arguments& a) {
   std::vector<std::string> warnings = warnings_of(a, robot, file, judgement);
   std::ranges::move(late_torques(robot.regressor, a.data, lag_of_files(robot.regressor, motion, predicted), motion),
                     std::back_inserter(warnings));
-  j["warnings"] = warnings;
+  j.update({{"warnings", warnings}, {"badly_explained", warnings_of(judgement.joints)}});
   if (a.output.named())
     if (auto ok = deliver(csv_of(robot, motion, predicted), a.output); !ok) return ok;
   if (!a.wrench.empty())
@@ -418,7 +427,7 @@ void add_predict(CLI::App& app, int& code) {
       ->capture_default_str();
   a->output.add_to(*c,
                    "CSV to write: time_s, torque_JOINT_nm (as recorded at that time, filtered as for the fit), "
-                   "predicted_JOINT_nm (as late), temperature_JOINT_degC (recorded, estimated, or 20)");
+                   "predicted_JOINT_nm (as late), temperature_JOINT_degC (recorded, estimated, or 20), moving_JOINT");
   auto* wrench = c->add_option("--wrench", a->wrench,
                                "CSV to write: external force and torque at the tool, world axes; empty where "
                                "joints rest or the arm is singular");

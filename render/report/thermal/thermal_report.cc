@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/render/report/fit_data.hpp>
 #include <tribotwin/render/report/thermal/thermal_report.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -298,17 +299,13 @@ class Writer {
 Result<std::vector<std::string>> found(const std::vector<std::string>& named, const std::filesystem::path& by) {
   std::vector<std::string> out;
   for (const auto& name : named) {
-    std::error_code error;
-    const auto beside = by.parent_path() / name;
-    if (std::filesystem::exists(name, error))
-      out.push_back(name);
-    else if (std::filesystem::exists(beside, error))
-      out.push_back(beside.string());
-    else
+    const auto file = named_file(name, by);
+    if (!file)
       return tl::unexpected(
           Error(fmt::format("{}: data: {} is neither in the working directory nor beside it; name "
                             "recordings to compare with after it",
                             by.string(), name)));
+    out.push_back(file->string());
   }
   return out;
 }

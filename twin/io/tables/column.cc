@@ -103,6 +103,7 @@ const ColumnQuantity quantity_table[] = {
     {"arm_set_point", "", {angle, length}, "of the arm's position"},
     {"predicted", "", {torque, force}, "torque that a motion needs"},
     {"residual", "", {torque, force}, "measured - predicted torque"},
+    {"moving", "", {}, "1 where the joint moves, 0 where it rests and friction does not follow from its motion"},
     {"force", "", {force}, "at the tool; the joint is its axis"},
     {"speed", "", {angular_speed}, "of the motor, motor side"},
     {"stderr", "", {torque, ratio}, "standard error of friction"},

@@ -1,0 +1,153 @@
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include <tribotwin/render/report/dynamics/dynamics_data.hpp>
+#include <tribotwin/render/report/fit_data.hpp>
+#include <tribotwin/twin/io/json.hpp>
+#include <tribotwin/twin/io/json_input.hpp>
+#include <tribotwin/twin/io/tables/numbers.hpp>
+#include <tribotwin/twin/io/text.hpp>
+#include <tribotwin/twin/robot/arm.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+namespace fs = std::filesystem;
+using twin::JsonInput;
+
+std::vector<std::string> texts(const JsonInput& list) {
+  std::vector<std::string> out;
+  for (const auto& one : list.list(0)) out.push_back(one.text());
+  return out;
+}
+
+twin::identification::Dependence dependence_of(const std::string& on, const JsonInput& in) {
+  twin::identification::Dependence d{.on = on,
+                                     .share = in["share"].number(),
+                                     .chance = in["chance"].number(),
+                                     .growth = in["growth"].number_or_null()};
+  for (const auto& bin : in["bins"].list(0))
+    d.bins.push_back({bin["from"].number(), bin["to"].number(), bin["mean"].number(), bin["sigma"].number_or_null()});
+  return d;
+}
+
+/// The quantity of which most samples lie outside of the training.
+void read_training(const JsonInput& in, JointPrediction& joint) {
+  if (in.is_null()) {
+    joint.outside = std::nan("");
+    return;
+  }
+  for (const auto& [quantity, range] : in.entries())
+    if (const double share = range["share_outside"].number({0, 1}); share > joint.outside)
+      joint.outside = share, joint.outside_of = quantity;
+}
+
+JointPrediction joint_of(const std::string& name, const JsonInput& in) {
+  JointPrediction joint{.name = name, .unit = in["unit"].text()};
+  if (in.has("lacking")) {
+    joint.lacking = in["lacking"].text();
+    joint.rms = joint.of_range = joint.range = joint.largest = joint.of_variation = std::nan("");
+    return joint;
+  }
+  joint.rms = in["rms"].number_or_null(), joint.of_range = in["relative_to_range"].number_or_null();
+  joint.range = in["range"].number_or_null(), joint.largest = in["largest"].number_or_null();
+  const JsonInput verdict = in["verdict"];
+  joint.badly_explained = verdict["badly_explained"].truth();
+  joint.of_variation = verdict["of_variation"].number_or_null();
+  if (verdict.has("dependence") && !std::isnan(joint.of_variation))
+    for (const auto& [on, one] : verdict["dependence"].entries()) joint.dependence.push_back(dependence_of(on, one));
+  read_training(in["training"], joint);
+  return joint;
+}
+
+std::string nowhere(const std::string& what, const std::string& name, const fs::path& by) {
+  return fmt::format("{}: {} is neither in the working directory nor beside {}.", what, name, by.filename().string());
+}
+
+/// Torques of each joint from the table that tribotwin predict wrote beside its JSON.
+Result<void> read_torques(const fs::path& table, std::vector<JointPrediction>& joints) {
+  for (auto& joint : joints) {
+    if (!joint.lacking.empty()) continue;
+    const char* unit = joint.unit == "N" ? "n" : "nm";
+    auto numbers =
+        twin::read_numbers(table, {"time_s", fmt::format("torque_{}_{}", joint.name, unit),
+                                   fmt::format("predicted_{}_{}", joint.name, unit), "moving_" + joint.name});
+    if (!numbers) return tl::unexpected(numbers.error());
+    for (const auto& column : numbers->columns)
+      if (column.empty())
+        return tl::unexpected(
+            Error(fmt::format("{}: has not time_s, torque_{}_{}, predicted_{}_{} and moving_{}; give "
+                              "the table of the same tribotwin predict",
+                              table.string(), joint.name, unit, joint.name, unit, joint.name)));
+    joint.time_s = std::move(numbers->columns[0]);
+    joint.recorded = std::move(numbers->columns[1]);
+    joint.predicted = std::move(numbers->columns[2]);
+    for (std::size_t i = 0; i < joint.predicted.size(); ++i)
+      if (numbers->columns[3][i] == 0) joint.predicted[i] = std::nan("");
+  }
+  return {};
+}
+
+/// Units of a law's parameters, which a parameter file leaves out.
+void name_units(twin::identification::FrictionEstimates& friction, const std::vector<JointPrediction>& joints) {
+  const auto joint = std::ranges::find(joints, friction.joint, &JointPrediction::name);
+  const bool slide = joint != joints.end() && joint->unit == "N";
+  const auto law = twin::identification::dynamics_law(friction.law, "friction");
+  for (auto& e : friction.estimates) {
+    e.unit = e.name == "offset" ? twin::unit_of("Nm", slide) : "";
+    if (!law) continue;
+    const auto p = std::ranges::find((*law)->parameters, e.name, &friction::Parameter::name);
+    if (p != (*law)->parameters.end()) e.unit = twin::unit_of(p->unit, slide);
+  }
+}
+
+void take_table(const JsonInput& name, DynamicsData& out) {
+  const fs::path& by = out.files.front();
+  if (name.is_null()) {
+    out.missing.push_back("No torques are drawn: tribotwin predict wrote no table; -o predicted.csv does.");
+  } else if (const auto table = named_file(name.text(), by)) {
+    twin::or_wrong_input(read_torques(*table, out.joints));
+    out.files.push_back(*table);
+  } else {
+    out.missing.push_back(nowhere("No torques are drawn", name.text(), by));
+  }
+}
+
+DynamicsData read_result(const fs::path& file) {
+  const auto value = twin::parse_json(twin::or_wrong_input(twin::read_text(file, "JSON of tribotwin predict")));
+  const JsonInput in(value, file.string());
+  if (value.is_discarded() || !in.has("of") || !in.has("joints"))
+    in.fail(
+        "is no JSON of tribotwin predict: tribotwin predict MODEL PARAMS DATA -o predicted.csv --json > "
+        "predicted.json");
+  DynamicsData out{.files = {file}};
+  out.model = in["of"]["model"].text(), out.parameters = in["of"]["parameters"].text();
+  out.recordings = texts(in["of"]["data"]);
+  for (const auto& [name, joint] : in["joints"].entries()) out.joints.push_back(joint_of(name, joint));
+  out.warnings = texts(in["warnings"]), out.badly_explained = texts(in["badly_explained"]);
+  take_table(in["of"]["table"], out);
+  return out;
+}
+
+}  // namespace
+
+Result<DynamicsData> load_dynamics(const fs::path& file) try {
+  DynamicsData out = read_result(file);
+  const auto parameters = named_file(out.parameters, file);
+  if (!parameters) {
+    out.missing.push_back(nowhere("No parameters are shown", out.parameters, file));
+    return out;
+  }
+  auto friction = twin::identification::read_friction(*parameters);
+  if (!friction) return tl::unexpected(friction.error());
+  out.files.push_back(*parameters);
+  out.friction = std::move(*friction);
+  for (auto& joint : out.friction) name_units(joint, out.joints);
+  return out;
+} catch (const twin::InputError& e) {
+  return tl::unexpected(Error(e.what()));
+}
+
+}  // namespace tribotwin::render
