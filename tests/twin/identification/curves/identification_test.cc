@@ -21,7 +21,7 @@ using testing::Contains, testing::HasSubstr, testing::UnorderedElementsAre;
 Samples campaign(const friction::Law& law, std::size_t curves, double noise, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::uniform_real_distribution<double> load(0, 0.73), temperature(38, 81.2);
-  std::normal_distribution<double> error(0, noise);
+  std::normal_distribution<double> error;
   Samples s;
   for (std::size_t c = 0; c < curves; ++c) {
     const double l = load(random), T = temperature(random);
@@ -30,7 +30,7 @@ Samples campaign(const friction::Law& law, std::size_t curves, double noise, std
       s.speed.push_back(v);
       s.load.push_back(l);
       s.temperature_degC.push_back(T);
-      s.friction.push_back(friction::torque(law, v, l, T) + (noise > 0 ? error(random) : 0));
+      s.friction.push_back(friction::torque(law, v, l, T) + (noise > 0 ? noise * error(random) : 0));
       s.curve.push_back(static_cast<std::uint32_t>(c));
     }
   }
@@ -79,13 +79,13 @@ TEST(Identification, SigmasAreTheScatterAndNothingIsBiased) {
 /// RH380-N of mjcf/.
 Samples heated(const friction::Law& law, std::initializer_list<double> temperatures, double noise, std::uint64_t seed) {
   std::mt19937_64 random(seed);
-  std::normal_distribution<double> error(0, noise), reading(0, 0.1);
+  std::normal_distribution<double> error, reading(0, 0.1);
   Samples s;
   for (const double mean : temperatures) {
     for (int k = 0; k < 24; ++k) {
       const double v = 0.5 * std::pow(300, k / 23.0), T = mean + (temperatures.size() > 1 ? reading(random) : 0);
       s.speed.push_back(v), s.load.push_back(0), s.temperature_degC.push_back(T);
-      s.friction.push_back(friction::torque(law, v, 0, T) + error(random));
+      s.friction.push_back(friction::torque(law, v, 0, T) + noise * error(random));
       s.curve.push_back(s.curve.empty() ? 0 : s.curve.back() + (k == 0));
     }
   }

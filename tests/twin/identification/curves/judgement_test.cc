@@ -35,7 +35,7 @@ struct Recording {
 
 Samples recorded(const friction::Law& law, const Recording& r, std::uint64_t seed) {
   std::mt19937_64 random(seed);
-  std::normal_distribution<double> noise(0, r.noise_nm), reading(0, 0.1);
+  std::normal_distribution<double> noise, reading(0, 0.1);
   std::uniform_real_distribution<double> phase(0, 2 * M_PI);
   const double phases[] = {phase(random), phase(random), phase(random)};
   Samples s;
@@ -46,7 +46,7 @@ Samples recorded(const friction::Law& law, const Recording& r, std::uint64_t see
       double arcs = 0;
       for (int i = 0; i < 3; ++i) arcs += r.arc_nm * std::sin(2 * M_PI * (1.3 + i) * at + phases[i]) / std::sqrt(1.5);
       s.speed.push_back(v), s.load.push_back(0), s.temperature_degC.push_back(T), s.curve.push_back(c);
-      s.friction.push_back(friction::torque(law, v, 0, T) + arcs + noise(random));
+      s.friction.push_back(friction::torque(law, v, 0, T) + arcs + r.noise_nm * noise(random));
     }
   return s;
 }

@@ -42,7 +42,7 @@ class Arm {
 
   RobotRecording recording(unsigned seed, double noise_nm, double length_s = 10) {
     std::mt19937_64 random(seed);
-    std::normal_distribution<double> normal(0, noise_nm);
+    std::normal_distribution<double> normal;
     constexpr double rate_hz = 100;
     const auto samples = static_cast<Index>(length_s * rate_hz);
     RobotRecording r{.file = fmt::format("{}.csv", seed)};
@@ -52,7 +52,8 @@ class Arm {
       r.time_s.push_back(static_cast<double>(i) / rate_hz);
       const auto [q, qd, qdd] = swing.at(r.time_s.back());
       const VectorXd rigid = regressor_.at(q, qd, qdd) * regressor_.model_parameters();
-      for (Index j = 0; j < 2; ++j) r.torque(j, i) = rigid(j) + std::copysign(2.0, qd(j)) + qd(j) + normal(random);
+      for (Index j = 0; j < 2; ++j)
+        r.torque(j, i) = rigid(j) + std::copysign(2.0, qd(j)) + qd(j) + noise_nm * normal(random);
       r.position.col(i) = q;
     }
     return r;

@@ -22,14 +22,15 @@ std::vector<JointHeat> simulated(double winding_s, double noise_K, std::uint64_t
   std::vector<JointHeat> joints{{.name = "a"}, {.name = "b"}, {.name = "c"}};
   for (auto& j : joints) j.sessions.resize(1);
   std::mt19937_64 random(seed);
-  std::normal_distribution<double> noise(0, noise_K);
+  std::normal_distribution<double> noise;
   double T[] = {24, 27, 25}, w[] = {0, 0, 0}, mean[] = {0, 0, 0};
   for (int i = 0; i <= 36'000; ++i) {
     const double now = i * dt;
     if (i % 20 == 0)
       for (std::size_t j = 0; j < 3; ++j) {
         HeatSession& s = joints[j].sessions[0];
-        s.time_s.push_back(now), s.power_w.push_back(mean[j] / 20), s.temperature_degC.push_back(T[j] + noise(random));
+        s.time_s.push_back(now), s.power_w.push_back(mean[j] / 20),
+            s.temperature_degC.push_back(T[j] + noise_K * noise(random));
         mean[j] = 0;
       }
     double slope[3];
