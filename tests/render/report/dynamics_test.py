@@ -1,5 +1,5 @@
-"""tribotwin-report dynamics: the page in a real browser, its numbers against those of tribotwin predict, a law that does
-not explain a joint, files that are gone, wrong input. Arguments: tribotwin, tribotwin-report."""
+"""tribotwin-report dynamics: the page in a real browser, its numbers against those of tribotwin predict, a law that
+does not explain a joint, files that are gone, wrong input. Arguments: tribotwin, tribotwin-report."""
 import json, os, re, sys
 
 import numpy as np
