@@ -23,9 +23,10 @@ void add_dynamics(CLI::App& app, Call& call) {
   command->add_option("PREDICTED", a->predicted, "JSON of tribotwin predict, with its table beside it")->required();
   a->add_to(*command, "The page (default: dynamics.html)");
   command->footer(
-      "The data are yours: tribotwin dynamics made robot.yaml of some recordings, and others are predicted.\n"
-      "Example:\n  tribotwin predict er3a_c60 robot.yaml tuesday.csv -o predicted.csv --json > predicted.json\n  "
-      "tribotwin-report dynamics predicted.json");
+      "The data are yours: tribotwin dynamics made robot.yaml of recordings of a robot, and tribotwin predict "
+      "robot.xml "
+      "robot.yaml tuesday.csv -o predicted.csv --json > predicted.json compared with another.\n"
+      "Example:\n  tribotwin-report dynamics predicted.json -o dynamics.html");
   command->callback([a, &call] { call.code = execute(*a, call.command_line); });
 }
 
