@@ -294,7 +294,8 @@ std::optional<Drawing> surface_over(const SweepView& view, std::size_t output, s
     for (const double x : surface.x) row.push_back(terms(x, y).dot(fitted));
     lowest = std::min(lowest, std::ranges::min(row));
   }
-  if (z.minCoeff() >= 0 && lowest < -std::sqrt(left)) return {};  // times and heats below zero: it is no quadratic
+  // Times and heats well below zero: it is no quadratic.
+  if (z.minCoeff() >= 0 && lowest < -0.05 * (z.maxCoeff() - z.minCoeff())) return {};
   const Quantity& q = view.quantities[output];
   Figure f{.title = fmt::format("{}, quadratic", q.name),
            .x = view.axis_of_key(key),
