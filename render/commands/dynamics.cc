@@ -24,8 +24,7 @@ void add_dynamics(CLI::App& app, Call& call) {
   a->add_to(*command, "The page (default: dynamics.html)");
   command->footer(
       "The data are yours: tribotwin dynamics made robot.yaml of recordings of a robot, and tribotwin predict "
-      "robot.xml "
-      "robot.yaml tuesday.csv -o predicted.csv --json > predicted.json compared with another.\n"
+      "robot.xml robot.yaml tuesday.csv -o predicted.csv --json > predicted.json compared with another.\n"
       "Example:\n  tribotwin-report dynamics predicted.json -o dynamics.html");
   command->callback([a, &call] { call.code = execute(*a, call.command_line); });
 }

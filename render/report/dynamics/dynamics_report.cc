@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/report/dynamics/dynamics_report.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -16,11 +17,6 @@ using twin::identification::Dependence;
 
 constexpr std::size_t excerpt_samples = 800;
 constexpr double seldom = 0.01;  // share of samples outside the training that needs no word
-
-std::string percent(double share) {
-  if (std::isnan(share)) return "–";
-  return share < 1e-3 ? "less than 0.1 %" : fmt::format("{:.{}f} %", 100 * share, share < 0.1 ? 1 : 0);
-}
 
 std::string number(double v) { return std::isnan(v) ? "–" : fmt::format("{:.4g}", v); }
 
@@ -57,8 +53,7 @@ class Writer {
   }
 
  private:
-  static std::string name_of(const std::string& file) { return std::filesystem::path(file).filename().string(); }
-  std::string title() const { return name_of(data_.parameters) + ": torques predicted and recorded"; }
+  std::string title() const { return without_folder(data_.parameters) + ": torques predicted and recorded"; }
 
   /// The moving joint with the largest share; null where none moves.
   template <class Share>
@@ -87,14 +82,14 @@ class Writer {
     const auto* by_range = worst(&JointPrediction::of_range);
     if (!by_range) return "No joint moves: friction at rest does not follow from the motion.";
     const auto bad = names(&JointPrediction::badly_explained);
+    const auto* by_variation = worst(&JointPrediction::of_variation);
+    std::string rest;
+    if (!bad.empty())
+      rest = fmt::format("; {} {} badly explained", twin::joined(bad), bad.size() > 1 ? "are" : "is");
+    else if (by_variation)
+      rest = fmt::format("; at most {} of a joint's variation is unexplained", percent(by_variation->of_variation));
     return fmt::format("Torques are predicted within {} of their range (root mean square; worst: {}){}.",
-                       percent(by_range->of_range), by_range->name,
-                       bad.empty()
-                           ? fmt::format("; at most {} of a joint's variation is unexplained",
-                                         percent(worst(&JointPrediction::of_variation)
-                                                     ? worst(&JointPrediction::of_variation)->of_variation
-                                                     : std::nan("")))
-                           : fmt::format("; {} {} badly explained", twin::joined(bad), bad.size() > 1 ? "are" : "is"));
+                       percent(by_range->of_range), by_range->name, rest);
   }
 
   std::string action() const {
@@ -138,7 +133,7 @@ class Writer {
           {"outside the training", j->outside == 0 ? "0 %" : percent(j->outside),
            j->outside == 0 ? "of the samples" : fmt::format("of the samples of {}, by {}", j->name, j->outside_of),
            j->outside > seldom ? "warn" : "good"});
-    tiles.push_back({"recordings", fmt::format("{}", data_.recordings.size()), name_of(data_.model)});
+    tiles.push_back({"recordings", fmt::format("{}", data_.recordings.size()), without_folder(data_.model)});
     page_.open({.verdict = verdict(),
                 .light = light(),
                 .rule = fmt::format("red when 30 % or more of the variation of a joint's torque is unexplained, amber "
@@ -147,7 +142,7 @@ class Writer {
                                     100 * seldom),
                 .tiles = std::move(tiles),
                 .action = action(),
-                .identity = identity_of(options_, name_of(data_.parameters))});
+                .identity = identity_of(options_, without_folder(data_.parameters))});
   }
 
   void notes() {
@@ -240,10 +235,10 @@ class Writer {
   void origin() {
     page_.add_origin(options_.command);
     std::vector<std::string> names;
-    for (const auto& file : data_.recordings) names.push_back(name_of(file));
+    for (const auto& file : data_.recordings) names.push_back(without_folder(file));
     page_.add(page_.body(), "p",
-              fmt::format("Predicted with {} and {} of the recordings {}.", name_of(data_.model),
-                          name_of(data_.parameters), twin::joined(names)),
+              fmt::format("Predicted with {} and {} of the recordings {}.", without_folder(data_.model),
+                          without_folder(data_.parameters), twin::joined(names)),
               "soft");
   }
 

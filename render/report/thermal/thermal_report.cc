@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/report/fit_data.hpp>
 #include <tribotwin/render/report/thermal/thermal_report.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -59,9 +60,6 @@ std::string duration(double seconds) {
 
 /// What is far below any sensor's resolution is not spelt out.
 std::string kelvins(double K) { return fmt::format("{:.2g} K", std::max(K, 1e-3)); }
-std::string percent(double share) {
-  return share < 1e-3 ? "less than 0.1 %" : fmt::format("{:.{}f} %", 100 * share, share < 0.1 ? 1 : 0);
-}
 
 /// With so many digits, and no power of ten where people need none.
 std::string digits(double v, int count) {
@@ -71,11 +69,6 @@ std::string digits(double v, int count) {
 }
 
 std::string unit_in_words(const std::string& unit) { return unit == "degC" ? "°C" : unit; }
-
-/// "slow" of "runs/slow/"
-std::string without_folder(const std::filesystem::path& file) {
-  return (file.has_filename() ? file : file.parent_path()).filename().string();
-}
 
 class Writer {
  public:
