@@ -110,8 +110,13 @@ class Writer {
         "{}); {} is worst, {} of its range, over {} of {}.",
         kelvins(std::ranges::max(all_, {}, &Agreement::rms_K).rms_K),
         kelvins(std::ranges::max(all_, {}, &Agreement::largest_K).largest_K), worst_.joint, percent(worst_.share()),
-        duration(worst_.recorded_s),
-        data_.own_data ? "the recordings that the models are from" : "recordings that the models have not seen");
+        duration(worst_.recorded_s), recordings_in_words());
+  }
+
+  std::string recordings_in_words() const {
+    if (data_.seen == data_.recordings.files.size()) return "the recordings that the models are from";
+    return data_.seen == 0 ? "recordings that the models have not seen"
+                           : fmt::format("recordings, {} of which the models are from", data_.seen);
   }
 
   std::string action() const {
@@ -125,7 +130,7 @@ class Writer {
              "a rest in between: tribotwin thermal says what each parameter lacks.";
     if (worst_.light() == Light::amber)
       return fmt::format("look at the figure of {} below before its model is used.", worst_.joint);
-    return data_.own_data ? "compare with a recording of another day: tribotwin-report thermal takes it as DATA."
+    return data_.seen > 0 ? "compare with a recording of another day: tribotwin-report thermal takes it as DATA."
                           : "nothing; the models may be used.";
   }
 
@@ -303,6 +308,18 @@ Result<std::vector<std::string>> found(const std::vector<std::string>& named, co
   return out;
 }
 
+/// How many of `data` are files that PARAMS names, by whatever path.
+std::size_t seen_of(const std::vector<std::string>& data, const std::vector<std::string>& named,
+                    const std::filesystem::path& by) {
+  return static_cast<std::size_t>(std::ranges::count_if(data, [&](const std::string& one) {
+    return std::ranges::any_of(named, [&](const std::string& name) {
+      std::error_code error;
+      const auto own = named_file(name, by);
+      return own && std::filesystem::equivalent(one, *own, error);
+    });
+  }));
+}
+
 }  // namespace
 
 Result<ThermalData> load_thermal(const std::filesystem::path& parameters, std::vector<std::string> data,
@@ -311,7 +328,6 @@ Result<ThermalData> load_thermal(const std::filesystem::path& parameters, std::v
   if (!read) return tl::unexpected(read.error());
   ThermalData out{.file = parameters, .text = twin::read_text(parameters, "a file").value_or("")};
   out.parameters = std::move(*read);
-  out.own_data = data.empty() || data == out.parameters.data;
   if (data.empty()) {
     auto own = found(out.parameters.data, parameters);
     if (!own) return tl::unexpected(own.error());
@@ -320,6 +336,7 @@ Result<ThermalData> load_thermal(const std::filesystem::path& parameters, std::v
   auto recordings = read_thermal_recordings(data, cycle_s, tables);
   if (!recordings) return tl::unexpected(recordings.error());
   out.recordings = std::move(*recordings);
+  out.seen = seen_of(data, out.parameters.data, parameters);
   auto predicted = predict_temperatures(parameters, out.recordings);
   if (!predicted) return tl::unexpected(predicted.error());
   out.predicted = std::move(*predicted);

@@ -17,7 +17,7 @@ struct ThermalData {
   twin::identification::ThermalParameters parameters;
   twin::identification::ThermalRecordings recordings;
   std::vector<std::vector<twin::identification::PredictedSession>> predicted;  ///< per joint of the recordings, session
-  bool own_data = true;  ///< the recordings are those that the models were identified from
+  std::size_t seen = 0;  ///< how many of the recordings the models were identified from
 };
 
 /// `data`: what the models are compared with; else what `parameters` names, in the working directory or beside it.

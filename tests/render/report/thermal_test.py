@@ -108,6 +108,19 @@ check(
     (said, e),
 )
 
+# The models' own recording by another path, alone and beside an unseen one.
+for name, data, says in (
+    ("own", ["./monday.csv"], "of the recordings that the models are from."),
+    ("mixed", ["./monday.csv", "tuesday.csv"], "of recordings, 1 of which the models are from."),
+):
+    run(report, "thermal", "thermal.yaml", *data, "-o", name + ".html")
+    said = opening(content(name + ".html"))
+    check(
+        name + ": what the models have seen is not called unseen",
+        said["verdict"].endswith(says) and "another day" in said["action"],
+        said,
+    )
+
 # A joint that something else heats.
 r = run(report, "thermal", "thermal.yaml", "tuesday.csv", "faulty.csv", "-o", "faulty.html")
 said = opening(content("faulty.html"))
