@@ -25,7 +25,7 @@ struct JointPrediction {
 
 struct DynamicsData {
   std::vector<std::filesystem::path> files;  ///< that were read: the JSON, its table, the parameter file
-  std::string model, parameters;  ///< as named in the call of tribotwin predict
+  std::string model, parameters;             ///< as named in the call of tribotwin predict
   std::vector<std::string> recordings;
   std::vector<JointPrediction> joints;
   std::vector<std::string> warnings, badly_explained;             ///< sentences
