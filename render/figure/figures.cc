@@ -26,26 +26,49 @@ Series law_series(const drive::Drive& drive, const LawAxes& axes, double speed_m
   return s;
 }
 
+/// The band of 95 % around a line: there above it, back below it, of magnitudes not below 0. Only the first of a figure
+/// has a label.
+Series band_around(const Series& line, std::span<const double> half_width, bool magnitude, bool first) {
+  const std::size_t n = line.x.size();
+  Series band{.mark = Mark::band, .label = first ? "95 % band" : "", .shade = line.shade, .stroke = line.stroke};
+  band.x.resize(2 * n), band.y.resize(2 * n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const double low = line.y[i] - half_width[i];
+    band.x[i] = band.x[2 * n - 1 - i] = line.x[i];
+    band.y[i] = line.y[i] + half_width[i];
+    band.y[2 * n - 1 - i] = magnitude ? std::max(0.0, low) : low;
+  }
+  return band;
+}
+
+/// One band per stretch without a gap.
+void add_bands(Figure& f, const Series& line, std::span<const double> half_width) {
+  const auto gap = [](double y) { return std::isnan(y); };
+  bool first = true;
+  for (auto from = line.y.begin(); from != line.y.end(); first = false) {
+    from = std::find_if_not(from, line.y.end(), gap);
+    const auto to = std::find_if(from, line.y.end(), gap);
+    const std::ptrdiff_t begin = from - line.y.begin(), end = to - line.y.begin();
+    if (begin == end) return;
+    const Series stretch{.x = {line.x.begin() + begin, line.x.begin() + end}, .y = {from, to}, .stroke = line.stroke};
+    f.series.push_back(band_around(stretch, half_width.subspan(static_cast<std::size_t>(begin)), false, first));
+    from = to;
+  }
+}
+
 /// A curve of the law and, below it, its band. `shade` is empty where the figure has no colour axis.
 void add_law(Figure& f, const drive::Drive& drive, double speed_max, double load, double temperature,
              std::vector<double> shade, const ParameterUncertainty* uncertainty) {
   const LawAxes axes(drive);
   Series curve = law_series(drive, axes, speed_max, load, temperature);
-  curve.shade = shade;
   if (shade.empty()) curve.stroke = 0;
+  curve.shade = std::move(shade);
   if (uncertainty) {
-    const bool first = f.series.empty();
-    Series band{.mark = Mark::band, .label = first ? "95 % band" : "", .shade = std::move(shade), .stroke = 0};
-    const std::size_t n = curve.x.size();
-    band.x.resize(2 * n), band.y.resize(2 * n);
-    for (std::size_t i = 0; i < n; ++i) {
-      const double half =
-          axes.per_nm * half_width_nm(drive, *uncertainty, curve.x[i] / axes.per_joint_rad_s, load, temperature);
-      band.x[i] = band.x[2 * n - 1 - i] = curve.x[i];
-      band.y[i] = curve.y[i] + half;
-      band.y[2 * n - 1 - i] = std::max(0.0, curve.y[i] - half);
-    }
-    f.series.push_back(std::move(band));
+    std::vector<double> half;
+    for (const double x : curve.x)
+      half.push_back(axes.per_nm * half_width_nm(drive, *uncertainty, x / axes.per_joint_rad_s, load, temperature));
+    f.series.push_back(band_around(curve, half, true, f.series.empty()));
+    f.series.back().stroke = 0;
   }
   f.series.push_back(std::move(curve));
 }
@@ -241,6 +264,7 @@ Figure history(const std::string& title, const Axis& quantity, std::span<const T
   for (const auto& t : traces) {
     Series s{.mark = t.mark, .label = t.label, .x = t.time_s, .y = t.values, .stroke = t.stroke};
     for (double& x : s.x) x /= unit.seconds;
+    if (!t.half_width.empty()) add_bands(f, s, t.half_width);
     f.series.push_back(std::move(s));
   }
   return f;

@@ -11,6 +11,7 @@
 #include <tribotwin/twin/diagnosis/healthy_file.hpp>
 #include <tribotwin/twin/identification/samples/samples.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
@@ -22,7 +23,7 @@ using Outcome = Result<void>;
 /// Reads the curves that the state was learned from; none where one of the files is missing.
 void load_learned(DiagnosisData& d, const ObservationOptions& read) {
   for (const auto& name : d.healthy.data) {
-    const auto file = named_file(name, d.file);
+    const auto file = twin::named_file(name, d.file);
     auto seen =
         file ? read_observations(*file, read)
              : Result<ObservationFile>(tl::unexpect, fmt::format("{} is neither in the working directory nor beside {}",

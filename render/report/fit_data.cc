@@ -6,6 +6,7 @@
 
 #include <tribotwin/render/report/fit_data.hpp>
 #include <tribotwin/twin/identification/curves/direction.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
@@ -30,7 +31,7 @@ std::vector<fs::path> named_data(FitData& fit) {
   }
   std::vector<fs::path> found;
   for (const auto& name : names) {
-    if (const auto file = named_file(name, fit.file))
+    if (const auto file = twin::named_file(name, fit.file))
       found.push_back(*file);
     else {
       fit.missing.push_back(
@@ -74,13 +75,6 @@ void compute_residuals(FitData& fit) {
 }
 
 }  // namespace
-
-std::optional<fs::path> named_file(const std::string& name, const fs::path& by) {
-  std::error_code error;
-  for (const fs::path& file : {fs::path(name), by.parent_path() / name})
-    if (fs::exists(file, error)) return file;
-  return std::nullopt;
-}
 
 Result<ParameterFile> read_parameter_file(const fs::path& path, const twin::identification::ReadOptions& given) {
   auto file = twin::identification::read_parameters(path);

@@ -33,10 +33,6 @@ struct FitData {
 Result<twin::identification::ParameterFile> read_parameter_file(const std::filesystem::path& file,
                                                                 const twin::identification::ReadOptions& given);
 
-/// A file or a run's folder that another file names: as it is called from the working directory, or beside the naming
-/// one.
-std::optional<std::filesystem::path> named_file(const std::string& name, const std::filesystem::path& by);
-
 /// A drive with the file's law, to draw it: torque_max_nm and gear_ratio are 1 where the file does not say them, which
 /// leaves normalised torque and the law's own speed.
 drive::Drive drawn_drive(const twin::identification::ParameterFile& file);

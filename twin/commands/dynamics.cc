@@ -52,10 +52,10 @@ std::vector<thermal::Model> thermal_models(const std::string& file, const Regres
   const auto named = or_wrong_input(read_thermal(file));
   std::vector<thermal::Model> models;
   for (Index j = 0; j < regressor.joints(); ++j) {
-    const auto found = std::ranges::find(named, regressor.joint_name(j), [](const auto& m) { return m.first; });
+    const auto found = std::ranges::find(named, regressor.joint_name(j), &NamedThermalModel::joint);
     if (found == named.end())
       throw InputError(fmt::format("{}: joints: has no '{}', which the model has", file, regressor.joint_name(j)));
-    models.push_back(found->second);
+    models.push_back(found->model);
   }
   return models;
 }

@@ -284,21 +284,26 @@ Result<Exit> evaluate(const Arguments& a) {
   const auto all = or_wrong_input(predict_temperatures(a.evaluate, recordings));
   Json j{{"joints", Json::object()}};
   constexpr auto right = TextTable::right;
-  TextTable table{{TextTable::left("joint"), right("error rms K"), right("largest K"), right("from degC"),
-                   right("samples"), TextTable::left("session")}};
+  TextTable table{{TextTable::left("joint"), right("error rms K"), right("largest K"), right("95 % band +- K"),
+                   right("inside"), right("from degC"), right("samples"), TextTable::left("session")}};
   double worst = 0;
   for (std::size_t k = 0; k < all.size(); ++k)
     for (std::size_t s = 0; s < all[k].size(); ++s) {
       const auto& joint = recordings.joints[k];
       const auto& session = joint.sessions[s];
       const auto& p = all[k][s];
+      const bool known = !p.half_width_K.empty();
+      const double widest = known ? std::ranges::max(p.half_width_K) : 0;
       worst = std::max(worst, p.rms_K);
       j["joints"][joint.name].push_back({{"file", a.data[session.file]},
                                          {"from_s", session.time_s.front()},
                                          {"rms_K", p.rms_K},
                                          {"largest_K", p.largest_K},
+                                         {"half_width_K", known ? Json(widest) : Json(nullptr)},
+                                         {"inside", known ? Json(p.inside) : Json(nullptr)},
                                          {"samples", p.temperature_degC.size()}});
       table.add({joint.name, fmt::format("{:.3f}", p.rms_K), fmt::format("{:.3f}", p.largest_K),
+                 known ? fmt::format("{:.3f}", widest) : "-", known ? fmt::format("{:.1f} %", 100 * p.inside) : "-",
                  fmt::format("{:.2f}", session.temperature_degC.front()), fmt::format("{}", p.temperature_degC.size()),
                  fmt::format("{} from {:.6g} s", a.data[session.file], session.time_s.front())});
     }
@@ -346,8 +351,9 @@ void add_thermal(CLI::App& app, int& code) {
   a->tables.add_to(*c);
   a->tables.add_gear_ratio_to(*c);
   auto* output = a->output.add_to(*c, "PARAMS.yaml to write");
-  c->add_option("--evaluate", a->evaluate,
-                "PARAMS.yaml of an earlier call: evaluate its prediction of these data from their first temperatures")
+  c->add_option(
+       "--evaluate", a->evaluate,
+       "PARAMS.yaml of an earlier call: how far its predictions of these data are off, and how far they may be")
       ->excludes(order)
       ->excludes(rested)
       ->excludes(output)

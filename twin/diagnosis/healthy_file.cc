@@ -4,7 +4,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/diagnosis/healthy_file.hpp>
-#include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/identification/matrix_input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 
@@ -12,21 +12,15 @@ namespace tribotwin::twin::diagnosis {
 namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
+using identification::read_matrix, identification::yaml_of;
 
 std::string list(const VectorXd& v) {
   return fmt::format("[{}]", joined(std::span(v.data(), static_cast<std::size_t>(v.size()))));
 }
 
-/// A flow sequence of flow sequences, one row each.
-std::string rows(const MatrixXd& m) {
-  std::vector<std::string> lines;
-  for (Index i = 0; i < m.rows(); ++i) lines.push_back(list(m.row(i)));
-  return fmt::format("[{}]", joined(lines));
-}
-
 std::string baseline(const Baseline& b) {
-  return fmt::format("{{coefficients: {}, covariance: {}, inverse_gram: {}, freedom: {}}}", rows(b.coefficients),
-                     rows(b.covariance), rows(b.inverse_gram), b.freedom);
+  return fmt::format("{{coefficients: {}, covariance: {}, inverse_gram: {}, freedom: {}}}", yaml_of(b.coefficients),
+                     yaml_of(b.covariance), yaml_of(b.inverse_gram), b.freedom);
 }
 
 VectorXd numbers(Mapping& m, const std::string& key, Index count) {
@@ -35,27 +29,9 @@ VectorXd numbers(Mapping& m, const std::string& key, Index count) {
   return Eigen::Map<const VectorXd>(values.data(), count);
 }
 
-MatrixXd matrix(Mapping& m, const std::string& key, Index row_count, Index column_count) {
-  const YAML::Node node = m.raw(key);
-  const auto wrong = [&] {
-    m.fail(key, fmt::format("must be {} list(s) of {} finite numbers", row_count, column_count));
-  };
-  MatrixXd out(row_count, column_count);
-  if (!node || !node.IsSequence() || static_cast<Index>(node.size()) != row_count) wrong();
-  for (Index i = 0; i < row_count; ++i) {
-    const YAML::Node row = node[static_cast<std::size_t>(i)];
-    if (!row.IsSequence() || static_cast<Index>(row.size()) != column_count) wrong();
-    for (Index k = 0; k < column_count; ++k) {
-      const YAML::Node cell = row[static_cast<std::size_t>(k)];
-      if (!cell.IsScalar() || !YAML::convert<double>::decode(cell, out(i, k)) || !std::isfinite(out(i, k))) wrong();
-    }
-  }
-  return out;
-}
-
 /// Symmetric and positive definite.
 MatrixXd covariance(Mapping& m, const std::string& key, Index size) {
-  const MatrixXd c = matrix(m, key, size, size);
+  const MatrixXd c = read_matrix(m, key, size, size);
   if (!c.isApprox(c.transpose(), 1e-9) || !cholesky_factor(c))
     m.fail(key, "is no covariance: it must be symmetric and positive definite");
   return c;
@@ -68,7 +44,7 @@ Mapping required(Mapping& m, const std::string& key) {
 }
 
 Baseline read_baseline(Mapping m, Index regressors, Index size) {
-  Baseline b{.coefficients = matrix(m, "coefficients", regressors, size),
+  Baseline b{.coefficients = read_matrix(m, "coefficients", regressors, size),
              .covariance = covariance(m, "covariance", size),
              .inverse_gram = covariance(m, "inverse_gram", regressors),
              .freedom = m.number("freedom", {static_cast<double>(size), 1e9})};
@@ -88,7 +64,7 @@ std::string to_yaml(const HealthyState& h) {
   s += fmt::format("temperature: {{low_degC: {}, high_degC: {}, known: {}}}\n", h.temperature_low_degC,
                    h.temperature_high_degC, h.knows_temperature);
   s += fmt::format("features: [{}]\nunits: ['{}']\n", joined(feature_names), joined(feature_units, "', '"));
-  s += fmt::format("mean: {}\ncovariance: {}\n", list(h.mean), rows(h.covariance));
+  s += fmt::format("mean: {}\ncovariance: {}\n", list(h.mean), yaml_of(h.covariance));
   s += fmt::format("thresholds:   # squared distances, N^2 of Zhou 2024 (2 and 6 sigma)\n  anomalous: {}\n  wear: {}\n",
                    h.anomalous_distance, h.wear_distance);
   s += "radii:   # N sqrt(lambda) for N = 1, Zhou 2024 (14)\n";
@@ -98,7 +74,7 @@ std::string to_yaml(const HealthyState& h) {
       "middle\nbaseline:\n";
   for (std::size_t r = 0; r < regions.size(); ++r)
     s += fmt::format("  {}: {}\n", regions[r].name, baseline(h.region[r]));
-  s += fmt::format("  together: {}\n  scatter: [{}]\n  shrinkage: {}\n", rows(h.together), joined(h.scatter),
+  s += fmt::format("  together: {}\n  scatter: [{}]\n  shrinkage: {}\n", yaml_of(h.together), joined(h.scatter),
                    h.shrinkage);
   if (std::ranges::any_of(h.indicators, [](const auto& i) { return i.has_value(); })) s += "indicators:\n";
   for (std::size_t k = 0; k < indicator_count; ++k)

@@ -86,4 +86,11 @@ fs::path given_or_shipped(const std::string& given, std::string_view ending) {
   return given;
 }
 
+std::optional<fs::path> named_file(const std::string& name, const fs::path& by) {
+  std::error_code error;
+  for (const fs::path& file : {fs::path(name), by.parent_path() / name})
+    if (fs::exists(file, error)) return file;
+  return std::nullopt;
+}
+
 }  // namespace tribotwin::twin

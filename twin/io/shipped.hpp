@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -26,5 +27,8 @@ std::vector<std::filesystem::path> shipped_scenarios(Purpose purpose);
 /// ships under it, so that the reader says what is missing; InputError where something ships under nearly that name.
 /// `ending` is added to a name without one.
 std::filesystem::path given_or_shipped(const std::string& given, std::string_view ending);
+
+/// A file or a run's folder that the file `by` names: as it is called from the working directory, or beside `by`.
+std::optional<std::filesystem::path> named_file(const std::string& name, const std::filesystem::path& by);
 
 }  // namespace tribotwin::twin

@@ -7,6 +7,7 @@
 #include <tribotwin/render/report/fit_data.hpp>
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -107,7 +108,7 @@ void take_table(const JsonInput& name, DynamicsData& out) {
   const fs::path& by = out.files.front();
   if (name.is_null()) {
     out.missing.push_back("No torques are drawn: tribotwin predict wrote no table; -o predicted.csv does.");
-  } else if (const auto table = named_file(name.text(), by)) {
+  } else if (const auto table = twin::named_file(name.text(), by)) {
     twin::or_wrong_input(read_torques(*table, out.joints));
     out.files.push_back(*table);
   } else {
@@ -135,7 +136,7 @@ DynamicsData read_result(const fs::path& file) {
 
 Result<DynamicsData> load_dynamics(const fs::path& file) try {
   DynamicsData out = read_result(file);
-  const auto parameters = named_file(out.parameters, file);
+  const auto parameters = twin::named_file(out.parameters, file);
   if (!parameters) {
     out.missing.push_back(nowhere("No parameters are shown", out.parameters, file));
     return out;

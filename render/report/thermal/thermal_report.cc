@@ -8,8 +8,8 @@
 
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/page/in_words.hpp>
-#include <tribotwin/render/report/fit_data.hpp>
 #include <tribotwin/render/report/thermal/thermal_report.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
@@ -21,15 +21,21 @@ using Outcome = Result<void>;
 constexpr std::size_t trace_points = 800, files_shown = 3;
 // Errors, rms, that matter: shares of a joint's temperature range, and what changes friction by about 1 %.
 constexpr double good_share = 0.05, bad_share = 0.25, good_K = 1;
+// Of a day's temperatures within their band; they are warmer or colder together, so that single days have far fewer
+// than 95 %.
+constexpr double few_inside = 0.5;
 
 /// How well a joint's temperatures are predicted in all its sessions.
 struct Agreement {
   std::string joint;
   double low_degC = std::numeric_limits<double>::infinity(), high_degC = -low_degC;
   double rms_K = 0, largest_K = 0, recorded_s = 0;
+  double inside = std::nan("");  ///< of the temperatures after the first of each session; NaN without bands
+  double half_width_K = 0;       ///< the largest
+  bool surprises() const { return inside < few_inside; }
   double share() const { return rms_K / (high_degC - low_degC); }
   Light light() const {
-    if (rms_K <= good_K || share() <= good_share) return Light::green;
+    if (rms_K <= good_K || (share() <= good_share && !surprises())) return Light::green;
     return share() <= bad_share ? Light::amber : Light::red;
   }
   bool operator<(const Agreement& other) const {
@@ -39,7 +45,7 @@ struct Agreement {
 
 Agreement agreement_of(const JointHeat& joint, const std::vector<PredictedSession>& predicted) {
   Agreement a{.joint = joint.name};
-  double squares = 0, samples = 0;
+  double squares = 0, samples = 0, inside = 0, later = 0;
   for (std::size_t s = 0; s < predicted.size(); ++s) {
     const auto& session = joint.sessions[s];
     const auto [low, high] = std::ranges::minmax(session.temperature_degC);
@@ -47,9 +53,12 @@ Agreement agreement_of(const JointHeat& joint, const std::vector<PredictedSessio
     a.largest_K = std::max(a.largest_K, predicted[s].largest_K);
     const auto n = static_cast<double>(session.time_s.size());
     squares += predicted[s].rms_K * predicted[s].rms_K * n, samples += n;
+    inside += predicted[s].inside * (n - 1), later += n - 1;
+    for (const double half : predicted[s].half_width_K) a.half_width_K = std::max(a.half_width_K, half);
     a.recorded_s += session.time_s.back() - session.time_s.front();
   }
   a.rms_K = std::sqrt(squares / samples);
+  if (!predicted.front().half_width_K.empty() && later > 0) a.inside = inside / later;
   return a;
 }
 
@@ -107,10 +116,19 @@ class Writer {
   std::string verdict() const {
     return fmt::format(
         "Temperatures are predicted from the first one of each recording within {} (root mean square; largest error "
-        "{}); {} is worst, {} of its range, over {} of {}.",
+        "{}); {} is worst, {} of its range, over {} of {}.{}",
         kelvins(std::ranges::max(all_, {}, &Agreement::rms_K).rms_K),
         kelvins(std::ranges::max(all_, {}, &Agreement::largest_K).largest_K), worst_.joint, percent(worst_.share()),
-        duration(worst_.recorded_s), recordings_in_words());
+        duration(worst_.recorded_s), recordings_in_words(), band_in_words());
+  }
+
+  std::string band_in_words() const {
+    if (std::isnan(worst_.inside)) return {};
+    const Agreement& least = std::ranges::min(all_, {}, &Agreement::inside);
+    const std::string own = percent(worst_.inside), fewest = percent(least.inside);
+    return fmt::format(" Of its temperatures {} lie within their 95 % band, at most ±{}{}.", own,
+                       kelvins(worst_.half_width_K),
+                       fewest == own ? "" : fmt::format("; of those of {}, the fewest, {}", least.joint, fewest));
   }
 
   std::string recordings_in_words() const {
@@ -154,8 +172,9 @@ class Writer {
     page_.open({.verdict = verdict(),
                 .light = light(),
                 .rule = fmt::format("red when a joint's error is above {:g} K and {:.0f} % of its temperature range, "
-                                    "amber above {:g} K and {:.0f} %, or when a parameter is not identifiable.",
-                                    good_K, 100 * bad_share, good_K, 100 * good_share),
+                                    "amber above {:g} K and {:.0f} %, above {:g} K with less than {:.0f} % of the "
+                                    "temperatures within their band, or when a parameter is not identifiable.",
+                                    good_K, 100 * bad_share, good_K, 100 * good_share, good_K, 100 * few_inside),
                 .tiles = std::move(tiles),
                 .action = action(),
                 .identity = identity_of(options_, data_.file.stem().string())});
@@ -173,16 +192,36 @@ class Writer {
                         fmt::format("{:.1f} .. {:.1f}", session.time_s.front() / 60, session.time_s.back() / 60),
                         fmt::format("{:.1f} .. {:.1f}", low, high), fmt::format("{:.3f}", p.rms_K),
                         high > low ? percent(p.rms_K / (high - low)) : "–", fmt::format("{:.3f}", p.largest_K),
-                        fmt::format("{}", session.time_s.size())});
+                        p.half_width_K.empty() ? "–" : fmt::format("{:.3f}", std::ranges::max(p.half_width_K)),
+                        p.half_width_K.empty() ? "–" : percent(p.inside), fmt::format("{}", session.time_s.size())});
       }
     page_.add_table(page_.body(),
                     {"joint", "recording", "time [min]", "recorded [°C]", "error, RMS [K]", "of its range",
-                     "largest [K]", "samples"},
+                     "largest [K]", "95 % band ± [K]", "inside", "samples"},
                     rows);
     page_.add(page_.body(), "p",
               "Each stretch without a gap begins at its first recorded temperature; all later ones are predicted from "
-              "the heat alone.",
+              "the heat alone. " +
+                  meaning_of_band(),
               "soft");
+  }
+
+  std::string meaning_of_band() const {
+    const auto& u = data_.parameters.surroundings;
+    if (!u)
+      return "There is no band: the models are of an earlier version or from torque alone, which say no correlations "
+             "of "
+             "their parameters.";
+    return fmt::format(
+        "The band, the widest of each stretch in the table, holds 95 % of the recorded temperatures of many days, far "
+        "fewer or all of a single one. It counts the parameters, bodies too slow for the record, noise, how the first "
+        "temperature is spread in the joint, and on days that the models have not seen surroundings that vary by "
+        "{:.2g} "
+        "K (standard deviation, from {}).",
+        u->deviation_K,
+        u->days > 1 ? fmt::format("the {} days of the models and {:g} supposed ones with {:g} K", u->days,
+                                  Surroundings::supposed_days, Surroundings::supposed_K)
+                    : "no measurement: one day shows none. Edit deviation_K in the file where you know it");
   }
 
   /// A quantity of a joint over the sessions of a file, with gaps between them.
@@ -223,14 +262,17 @@ class Writer {
           predicted =
               trace(k, file, "predicted", [&](auto s, auto i) { return data_.predicted[k][s].temperature_degC[i]; });
     recorded.mark = Mark::points;
+    if (!data_.predicted[k].front().half_width_K.empty())
+      predicted.half_width =
+          trace(k, file, "", [&](auto s, auto i) { return data_.predicted[k][s].half_width_K[i]; }).values;
     recorded.stroke = predicted.stroke = k;
     const auto& name = all_[k].joint;
-    return page_.show(
-        to,
-        history(name, {.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"},
-                std::vector{recorded, predicted}),
-        "temperature_" + name,
-        fmt::format("{}: temperatures recorded in {}, and predicted from the first one.", name, file_name(file)));
+    return page_.show(to,
+                      history(name, {.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"},
+                              std::vector{recorded, predicted}),
+                      "temperature_" + name,
+                      fmt::format("{}: temperatures recorded in {}, and predicted from the first one{}.", name,
+                                  file_name(file), predicted.half_width.empty() ? "" : " with the band of 95 %"));
   }
 
   Outcome recording(std::size_t file) {
@@ -297,7 +339,7 @@ class Writer {
 Result<std::vector<std::string>> found(const std::vector<std::string>& named, const std::filesystem::path& by) {
   std::vector<std::string> out;
   for (const auto& name : named) {
-    const auto file = named_file(name, by);
+    const auto file = twin::named_file(name, by);
     if (!file)
       return tl::unexpected(
           Error(fmt::format("{}: data: {} is neither in the working directory nor beside it; name "
@@ -306,18 +348,6 @@ Result<std::vector<std::string>> found(const std::vector<std::string>& named, co
     out.push_back(file->string());
   }
   return out;
-}
-
-/// How many of `data` are files that PARAMS names, by whatever path.
-std::size_t seen_of(const std::vector<std::string>& data, const std::vector<std::string>& named,
-                    const std::filesystem::path& by) {
-  return static_cast<std::size_t>(std::ranges::count_if(data, [&](const std::string& one) {
-    return std::ranges::any_of(named, [&](const std::string& name) {
-      std::error_code error;
-      const auto own = named_file(name, by);
-      return own && std::filesystem::equivalent(one, *own, error);
-    });
-  }));
 }
 
 }  // namespace
@@ -336,7 +366,8 @@ Result<ThermalData> load_thermal(const std::filesystem::path& parameters, std::v
   auto recordings = read_thermal_recordings(data, cycle_s, tables);
   if (!recordings) return tl::unexpected(recordings.error());
   out.recordings = std::move(*recordings);
-  out.seen = seen_of(data, out.parameters.data, parameters);
+  const auto seen = of_the_fit(data, out.parameters.data, parameters);
+  out.seen = static_cast<std::size_t>(std::ranges::count(seen, true));
   auto predicted = predict_temperatures(parameters, out.recordings);
   if (!predicted) return tl::unexpected(predicted.error());
   out.predicted = std::move(*predicted);

@@ -48,6 +48,11 @@ def errors(*data):
     }
 
 
+def bands(file):
+    r = run(twin, "thermal", file, "--evaluate", "thermal.yaml", "--json")
+    return {j: all[0] for j, all in json.loads(r.stdout)["joints"].items()}
+
+
 def rows(text, first):
     """Cells of the table rows that begin with `first`, as they stand in the page's source."""
     cells = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, re.S) for row in re.findall(r"<tr>(.*?)</tr>", text, re.S)]
@@ -88,6 +93,12 @@ for joint in ("shoulder", "elbow"):
         [f"{x:.3f}" for x in e[joint, "monday.csv"]] == [shown[0][4], shown[0][6]],
         (shown, e),
     )
+    check(
+        f"own data: the band of {joint} is that of --evaluate and holds",
+        shown[0][7] == f"{bands('monday.csv')[joint]['half_width_K']:.3f}"
+        and bands("monday.csv")[joint]["inside"] > 0.9,
+        (shown, bands("monday.csv")),
+    )
     for row in shown[1:]:
         p = found[joint]["parameters"][row[1]]
         check(
@@ -95,6 +106,7 @@ for joint in ("shoulder", "elbow"):
             [float(x) for x in row[2:4]] == [digits(p["value"], 4), digits(p["sigma"], 2)],
             (row, p),
         )
+check("own data: figures have their band", own.count("95 % band") >= 4 and "with the band of 95 %" in own)
 check("own data: every figure is a file", len(os.listdir(path("own_figures"))) == 4, os.listdir(path("own_figures")))
 
 # Of another day.
@@ -108,6 +120,30 @@ check(
     (said, e),
 )
 
+b = bands("tuesday.csv")
+check(
+    "another day: the band is wider, by surroundings that one day does not show, and says so",
+    all(b[j]["half_width_K"] > 3 * bands("monday.csv")[j]["half_width_K"] and b[j]["half_width_K"] < 8 for j in b)
+    and "one day shows none" in content("tuesday.html")
+    and "100 % lie within their 95 % band" in said["verdict"],
+    (b, said),
+)
+text = content("thermal.yaml")
+with open(path("known.yaml"), "w") as f:
+    f.write(text.replace("deviation_K: 2", "deviation_K: 0.1"))
+run(report, "thermal", "known.yaml", "tuesday.csv", "-o", "known.html")
+check("another day: surroundings that are known make it narrow", "vary by 0.1 K" in content("known.html"))
+with open(path("earlier.yaml"), "w") as f:
+    f.write(re.sub(r"    uncertainty:\n(      .*\n)+", "", text))
+run(report, "thermal", "earlier.yaml", "tuesday.csv", "-o", "earlier.html")
+check(
+    "a file of an earlier version: no band, and why",
+    "uncertainty" not in content("earlier.yaml")
+    and "There is no band" in content("earlier.html")
+    and "lie within" not in opening(content("earlier.html"))["verdict"],
+    opening(content("earlier.html")),
+)
+
 # The models' own recording by another path, alone and beside an unseen one.
 for name, data, says in (
     ("own", ["./monday.csv"], "of the recordings that the models are from."),
@@ -117,7 +153,7 @@ for name, data, says in (
     said = opening(content(name + ".html"))
     check(
         name + ": what the models have seen is not called unseen",
-        said["verdict"].endswith(says) and "another day" in said["action"],
+        says in said["verdict"] and "another day" in said["action"],
         said,
     )
 
@@ -169,5 +205,8 @@ with open(path("law.yaml"), "w") as f:
 refused(
     "a file of another kind", "law.yaml", "monday.csv", says=["law.yaml", "tribotwin identify", "tribotwin thermal"]
 )
+with open(path("broken.yaml"), "w") as f:
+    f.write(text.replace("covariance: [[", "covariance: [[1, "))
+refused("a broken covariance", "broken.yaml", "monday.csv", says=["broken.yaml:", "covariance", "3 list(s) of 3"])
 check("nothing is left of what failed", not os.path.exists(path("x.html")))
 finish()

@@ -606,13 +606,17 @@ if os.path.exists(recording):
         held_out,
     )
     run("first.csv", "--chain", "-o", "chain.yaml", "--force")
-    rms = [
-        j[0]["rms_K"]
-        for j in json.loads(run("--evaluate", "chain.yaml", "second.csv", "--json", "--quiet").stdout)[
-            "joints"
-        ].values()
-    ]
+    predicted = json.loads(run("--evaluate", "chain.yaml", "second.csv", "--json", "--quiet").stdout)["joints"]
+    rms = [j[0]["rms_K"] for j in predicted.values()]
     print("     UR3 as a chain [K rms]:", np.round(rms, 3))
+    check(
+        "a chain: its band knows the second session's warmer surroundings",
+        all(j[0]["inside"] > 0.99 and 4 < j[0]["half_width_K"] < 6 for j in predicted.values()),
+        predicted,
+    )
+    predicted = json.loads(run("--evaluate", "chain.yaml", "first.csv", "--json", "--quiet").stdout)["joints"]
+    inside = np.mean([j[0]["inside"] for j in predicted.values()])
+    check("a chain: of its own session the band is narrow and holds", 0.88 < inside < 0.98, predicted)
     check("a chain: five joints within 0.5 K, the last within 0.55 K", max(rms[:5]) < 0.5 and rms[5] < 0.55, rms)
 else:
     print("SKIP the recording of ../shared/data is not beside this checkout")

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <type_traits>
 
 #include <Eigen/Dense>
@@ -297,6 +298,25 @@ double correlation_of(const VectorXd& residual, Index joints) {
   return correlation;
 }
 
+std::size_t files_of(const std::vector<HeatSession>& sessions) {
+  std::set<std::size_t> files;
+  for (const auto& s : sessions) files.insert(s.file);
+  return files.size();
+}
+
+/// Of exchange, then gain, t and T_amb of each joint, from that of log t_j, log k, gains and A.
+MatrixXd covariance_in_file_order(const ThermalChain& chain, const MatrixXd& covariance) {
+  const Index n = std::ssize(chain.joints);
+  std::vector<Index> place{n};
+  VectorXd scale = VectorXd::Ones(1 + 3 * n);
+  scale(0) = chain.exchange_1_s;
+  for (Index j = 0; j < n; ++j) {
+    place.insert(place.end(), {n + 1 + j, j, 2 * n + 1 + j});
+    scale(2 + 3 * j) = chain.t_s[static_cast<std::size_t>(j)];
+  }
+  return scale.asDiagonal() * MatrixXd(covariance(place, place)) * scale.asDiagonal();
+}
+
 /// The rule of identifiability for exchange, then JOINT.gain, JOINT.t, JOINT.T_amb. `covariance`: of log t_j, log k,
 /// gains and A, whose correlations are those of the parameters.
 std::vector<Lacking> judged(const ThermalChainFit& fit, std::span<const JointHeat> joints, const MatrixXd& covariance) {
@@ -371,6 +391,12 @@ Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints, Cha
          possible ? estimate("T_amb", "degC", ambient, covariance(first + n + j, first + n + j), quantile)
                   : without_sigma("T_amb", "degC", ambient, Status::at_bound)});
   }
+  if (covariance.allFinite())
+    fit.uncertainty = {.covariance = covariance_in_file_order(fit.chain, covariance),
+                       .sigmas = quantile,
+                       .noise = {.white = fit.rms_K},
+                       .surroundings = {.days = files_of(joints.front().sessions)},
+                       .slower = {}};
   fit.lacking = judged(fit, joints, covariance);
   fit.unidentifiable = withheld(fit.lacking);
   return fit;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -8,6 +9,7 @@
 #include <tribotwin/twin/identification/estimates.hpp>
 #include <tribotwin/twin/identification/identifiability.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_uncertainty.hpp>
 
 /// The joints of an arm as one chain of warm bodies: each is heated by its power, cools to its surroundings and
 /// exchanges heat with the joints before and after it, at the same rate k everywhere (links of one kind),
@@ -48,8 +50,9 @@ struct ThermalChainFit {
   double rms_K = 0;        ///< of all residuals
   double correlation = 1;  ///< number of correlated samples per independent one
   std::size_t samples = 0;
-  std::vector<Lacking> lacking = {};             ///< of exchange, JOINT.gain, JOINT.t and JOINT.T_amb
-  std::vector<std::string> unidentifiable = {};  ///< withheld(lacking)
+  std::optional<ThermalUncertainty> uncertainty = {};  ///< none where it is not finite
+  std::vector<Lacking> lacking = {};                   ///< of exchange, JOINT.gain, JOINT.t and JOINT.T_amb
+  std::vector<std::string> unidentifiable = {};        ///< withheld(lacking)
 };
 
 /// Joints in the order of the arm, all recorded at the same times. t_j and k by Ceres from several starts; the others

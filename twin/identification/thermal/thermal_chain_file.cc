@@ -21,7 +21,9 @@ std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& 
     for (const auto& e : fit.parameters[j]) write(out, e);
     out << YAML::EndMap;
   }
-  out << YAML::EndMap << YAML::EndMap;
+  out << YAML::EndMap;
+  if (fit.uncertainty) write(out, *fit.uncertainty);
+  out << YAML::EndMap;
   return "# A chain of joints that warm each other, by tribotwin thermal --chain\n" + std::string(out.c_str()) + "\n";
 }
 
@@ -31,9 +33,9 @@ Result<bool> is_thermal_chain(const std::filesystem::path& file) try {
   return tl::unexpected(Error(e.what()));
 }
 
-Result<ThermalChain> read_thermal_chain(const std::filesystem::path& file) try {
+Result<KnownThermalChain> read_thermal_chain(const std::filesystem::path& file) try {
   Mapping in(file.string(), "", load_yaml(file));
-  in.accept({"data", "rms_K", "unidentifiable", "exchange", "winding", "chain"});
+  in.accept({"data", "rms_K", "unidentifiable", "exchange", "winding", "chain", "uncertainty"});
   ThermalChain chain{.exchange_1_s = read_estimate(in, "exchange", {0, 1})};
   if (auto winding = in.mapping("winding")) {
     winding->accept({"winding_s", "copper_1_K"});
@@ -49,7 +51,10 @@ Result<ThermalChain> read_thermal_chain(const std::filesystem::path& file) try {
     chain.t_s.push_back(read_estimate(*joint, "t", {1e-3, 1e9}));
     chain.ambient_degC.push_back(read_estimate(*joint, "T_amb", {lowest_ambient_degC, highest_ambient_degC}));
   }
-  return chain;
+  KnownThermalChain out{std::move(chain)};
+  if (auto known = in.mapping("uncertainty"))
+    out.uncertainty = read_uncertainty(*known, 1 + 3 * std::ssize(out.chain.joints));
+  return out;
 } catch (const InputError& e) {
   return tl::unexpected(Error(e.what()));
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,7 +16,11 @@ std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& 
 /// Whether a YAML file has the key `chain`. ErrorKind::input where it is no YAML.
 Result<bool> is_thermal_chain(const std::filesystem::path& file);
 
+struct KnownThermalChain {
+  ThermalChain chain;
+  std::optional<ThermalUncertainty> uncertainty = {};  ///< none of files of earlier versions
+};
 /// A file of to_yaml. ErrorKind::input with file, key and what would be right.
-Result<ThermalChain> read_thermal_chain(const std::filesystem::path& file);
+Result<KnownThermalChain> read_thermal_chain(const std::filesystem::path& file);
 
 }  // namespace tribotwin::twin::identification

@@ -41,7 +41,9 @@ std::string to_yaml(const std::vector<NamedThermalFit>& joints, const std::vecto
     for (const auto& e : fit.parameters)
       if (!std::isnan(e.sigma)) out << YAML::Key << e.name << YAML::Value << e.sigma;
     out << YAML::EndMap << YAML::Key << "unidentifiable" << YAML::Value << YAML::Flow << fit.unidentifiable;
-    out << YAML::Key << "rms_K" << YAML::Value << fit.rms_K << YAML::EndMap;
+    out << YAML::Key << "rms_K" << YAML::Value << fit.rms_K;
+    if (fit.uncertainty) write(out, *fit.uncertainty);
+    out << YAML::EndMap;
   }
   out << YAML::EndMap << YAML::EndMap;
   return "# Thermal models by tribotwin thermal; names and units as in plugins/README.md\n" + std::string(out.c_str()) +
@@ -58,7 +60,10 @@ Result<std::vector<NamedThermalModel>> read_thermal(const std::filesystem::path&
   std::vector<NamedThermalModel> out;
   for (const auto& name : joints->names()) {
     auto joint = joints->mapping(name);
-    out.emplace_back(name, read_model(*joint, {"sigma", "unidentifiable", "rms_K"}));
+    auto& one = out.emplace_back(
+        NamedThermalModel{name, read_model(*joint, {"sigma", "unidentifiable", "rms_K", "uncertainty"})});
+    if (auto known = joint->mapping("uncertainty"))
+      one.uncertainty = read_uncertainty(*known, std::ssize(thermal::parameters(one.model.order)) + 1);
   }
   return out;
 } catch (const InputError& e) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -12,7 +13,11 @@
 namespace tribotwin::twin::identification {
 
 using NamedThermalFit = std::pair<std::string, ThermalFit>;  ///< joint, its fit
-using NamedThermalModel = std::pair<std::string, thermal::Model>;
+struct NamedThermalModel {
+  std::string joint;
+  thermal::Model model;
+  std::optional<ThermalUncertainty> uncertainty = {};  ///< none of files of earlier versions, and from torque
+};
 
 std::string to_yaml(const std::vector<NamedThermalFit>& joints, const std::vector<std::string>& data);
 

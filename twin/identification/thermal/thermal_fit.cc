@@ -64,7 +64,18 @@ bool gains_known(const Reported& own, Index nodes, double quantile) {
 struct Reach {
   VectorXd half;      ///< of the interval around the reported value that contains all of its intervals
   VectorXd slower_s;  ///< the time constant that reaches so far
+  std::vector<WarmBodies> models = {};
 };
+
+/// All bodies of a point, with the mean of A.
+WarmBodies bodies_of(const ThermalProblem& problem, const VectorXd& log_t, const Projection& at) {
+  WarmBodies out{.t_s = {}, .gain_K_J = {}, .ambient_degC = at.linear.segment(problem.nodes(), problem.files()).mean()};
+  for (Index i = 0; i < problem.nodes(); ++i) {
+    out.t_s.push_back(std::exp(log_t(i)));
+    out.gain_K_J.push_back(at.linear(i) / out.t_s.back());
+  }
+  return out;
+}
 
 Reach reach_of_slower_body(std::span<const HeatSession> sessions, const ThermalOptions& options, const VectorXd& log_t,
                            const Reported& own, const CorrelatedNoise& noise, double quantile) {
@@ -81,6 +92,7 @@ Reach reach_of_slower_body(std::span<const HeatSession> sessions, const ThermalO
     descend(problem, with, nodes);
     const Projection at = problem.project(with);
     if (!std::isfinite(at.cost()) || (!feared && !shows_slowest(problem, with, at, quantile))) continue;
+    reach.models.push_back(bodies_of(problem, with, at));
     const Reported other = reported(problem, nodes, with, at, noise);
     for (Index k = 0; k < own.values.size(); ++k) {
       const double half =
@@ -192,6 +204,20 @@ Result<void> require(std::span<const HeatSession> sessions, const ThermalProblem
   return {};
 }
 
+/// Of the model's parameters and the mean of A.
+ThermalUncertainty uncertainty_of(const Found& f, const CorrelatedNoise& noise) {
+  const Index parameters = 2 * f.problem.nodes(), files = f.problem.files();
+  MatrixXd by = MatrixXd::Zero(parameters + 1, parameters + files);
+  by.topLeftCorner(parameters, parameters).setIdentity();
+  by.row(parameters).tail(files).setConstant(1 / static_cast<double>(files));
+  const VectorXd ambient = f.own.values.tail(files);
+  return {.covariance = by * f.own.covariance * by.transpose(),
+          .sigmas = f.quantile,
+          .noise = noise,
+          .surroundings = Surroundings::of({ambient.data(), static_cast<std::size_t>(files)}),
+          .slower = f.reach.models};
+}
+
 ThermalFit fit_of(Found& f, std::span<const HeatSession> sessions, const ThermalOptions& options) {
   const Index nodes = f.problem.nodes();
   const auto samples = static_cast<double>(f.problem.samples());
@@ -205,6 +231,7 @@ ThermalFit fit_of(Found& f, std::span<const HeatSession> sessions, const Thermal
   f.own = reported(f.problem, nodes, f.log_t, f.at, fit.noise);
   f.quantile = interval_sigmas(samples / fit.correlation - static_cast<double>(jacobian.cols()));
   f.reach = reach_of_slower_body(sessions, options, f.log_t, f.own, fit.noise, f.quantile);
+  if (f.own.covariance.allFinite()) fit.uncertainty = uncertainty_of(f, fit.noise);
   fit.parameters = parameters_of(f, options.order);
   for (Index file = 0; file < f.problem.files(); ++file) {
     const std::string name = f.problem.files() == 1 ? "T_amb" : fmt::format("T_amb[{}]", file + 1);

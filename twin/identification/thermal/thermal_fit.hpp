@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -9,6 +10,7 @@
 #include <tribotwin/twin/identification/estimates.hpp>
 #include <tribotwin/twin/identification/identifiability.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_uncertainty.hpp>
 #include <tribotwin/twin/numerics/correlated_noise.hpp>
 
 /// A joint's thermal model from its heat and temperature: plugins/thermal's equation, Pagani (3),
@@ -40,7 +42,8 @@ struct ThermalFit {
   thermal::Model model;              ///< with the mean of A
   double rms_K = 0;                  ///< of the residuals
   CorrelatedNoise noise = {};        ///< of the residuals [K]
-  double correlation = 1;            ///< number of correlated samples per independent one
+  std::optional<ThermalUncertainty> uncertainty = {};  ///< none of fits to torque, and where it is not finite
+  double correlation = 1;                              ///< number of correlated samples per independent one
   std::size_t samples = 0;
   std::vector<Lacking> lacking = {};             ///< what keeps parameters and T_amb from being numbers
   std::vector<std::string> unidentifiable = {};  ///< withheld(lacking)

@@ -6,10 +6,12 @@
 
 #include <tribotwin/plugins/thermal/thermal.hpp>
 #include <tribotwin/twin/identification/estimates_file.hpp>
+#include <tribotwin/twin/identification/thermal/thermal_band.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_chain_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_prediction.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin::identification {
@@ -42,8 +44,8 @@ void read_chain_rows(Mapping& in, ThermalParameters& out) {
 void read_joint_rows(Mapping& in, const std::vector<NamedThermalModel>& models, ThermalParameters& out) {
   auto joints = in.mapping("joints");
   for (const auto& named : models) {
-    const std::string& joint = named.first;
-    const thermal::Model& model = named.second;
+    const auto& [joint, model, uncertainty] = named;
+    if (uncertainty && !out.surroundings) out.surroundings = uncertainty->surroundings;
     auto one = joints->mapping(joint);
     const auto lacking = one->texts("unidentifiable");
     auto sigma = one->mapping("sigma");
@@ -61,51 +63,63 @@ void read_joint_rows(Mapping& in, const std::vector<NamedThermalModel>& models, 
   }
 }
 
-using Temperatures = std::vector<std::vector<double>>;  // per session
+/// What is predicted of the sessions of one joint.
+using Sessions = std::vector<PredictedSession>;
 
-Result<std::vector<Temperatures>> of_chain(const std::filesystem::path& file, const ThermalRecordings& recordings) {
-  const auto chain = read_thermal_chain(file);
-  if (!chain) return tl::unexpected(chain.error());
+Result<std::vector<Sessions>> of_chain(const std::filesystem::path& file, const ThermalRecordings& recordings,
+                                       const std::vector<bool>& seen) {
+  const auto known = read_thermal_chain(file);
+  if (!known) return tl::unexpected(known.error());
   const auto& joints = recordings.joints;
-  if (!std::ranges::equal(joints, chain->joints, {}, &JointHeat::name))
+  if (!std::ranges::equal(joints, known->chain.joints, {}, &JointHeat::name))
     return tl::unexpected(Error(fmt::format("{}: chain: its joints are {}, those of {} are not, in this order",
-                                            file.string(), joined(chain->joints), recordings.files.front())));
-  std::vector<Temperatures> out(joints.size());
+                                            file.string(), joined(known->chain.joints), recordings.files.front())));
+  std::vector<Sessions> out(joints.size());
   for (std::size_t s = 0; s < joints.front().sessions.size(); ++s) {
-    const auto predicted = predicted_temperatures(*chain, joints, s);
-    for (std::size_t k = 0; k < joints.size(); ++k) {
-      const auto own = predicted.row(static_cast<Eigen::Index>(k));
-      out[k].emplace_back(own.begin(), own.end());
+    const auto predicted = predicted_temperatures(known->chain, joints, s);
+    Eigen::MatrixXd half;
+    if (known->uncertainty)
+      half = half_widths_K(known->chain, *known->uncertainty, joints, s, seen[joints.front().sessions[s].file]);
+    for (Eigen::Index k = 0; k < predicted.rows(); ++k) {
+      PredictedSession& one = out[static_cast<std::size_t>(k)].emplace_back();
+      one.temperature_degC = {predicted.row(k).begin(), predicted.row(k).end()};
+      if (half.size()) one.half_width_K = {half.row(k).begin(), half.row(k).end()};
     }
   }
   return out;
 }
 
-Result<std::vector<Temperatures>> of_joints(const std::filesystem::path& file, const ThermalRecordings& recordings) {
+Result<std::vector<Sessions>> of_joints(const std::filesystem::path& file, const ThermalRecordings& recordings,
+                                        const std::vector<bool>& seen) {
   const auto models = read_thermal(file);
   if (!models) return tl::unexpected(models.error());
-  std::vector<Temperatures> out;
+  std::vector<Sessions> out;
   for (const auto& joint : recordings.joints) {
-    const auto model = std::ranges::find(*models, joint.name, [](const auto& m) { return m.first; });
-    if (model == models->end())
+    const auto known = std::ranges::find(*models, joint.name, &NamedThermalModel::joint);
+    if (known == models->end())
       return tl::unexpected(Error(fmt::format("{}: joints: has no '{}', of which {} has a temperature", file.string(),
                                               joint.name, recordings.files[joint.sessions.front().file])));
-    auto& own = out.emplace_back();
-    for (const auto& session : joint.sessions) own.push_back(predicted_temperature(model->second, session));
+    Sessions& own = out.emplace_back();
+    for (const auto& session : joint.sessions) {
+      PredictedSession& one = own.emplace_back();
+      one.temperature_degC = predicted_temperature(known->model, session);
+      if (known->uncertainty)
+        one.half_width_K = half_width_K(known->model, *known->uncertainty, session, seen[session.file]);
+    }
   }
   return out;
 }
 
-PredictedSession compared(std::vector<double> predicted, const std::vector<double>& recorded) {
-  PredictedSession out{.temperature_degC = std::move(predicted)};
-  double squares = 0;
+void compare(PredictedSession& with, const std::vector<double>& recorded) {
+  double squares = 0, inside = 0;
   for (std::size_t i = 0; i < recorded.size(); ++i) {
-    const double error = out.temperature_degC[i] - recorded[i];
+    const double error = with.temperature_degC[i] - recorded[i];
     squares += error * error;
-    out.largest_K = std::max(out.largest_K, std::abs(error));
+    with.largest_K = std::max(with.largest_K, std::abs(error));
+    if (i > 0 && !with.half_width_K.empty()) inside += std::abs(error) <= with.half_width_K[i];
   }
-  out.rms_K = std::sqrt(squares / static_cast<double>(recorded.size()));
-  return out;
+  with.rms_K = std::sqrt(squares / static_cast<double>(recorded.size()));
+  with.inside = inside / std::max(1.0, static_cast<double>(recorded.size()) - 1);
 }
 
 }  // namespace
@@ -116,7 +130,9 @@ Result<ThermalParameters> read_thermal_parameters(const std::filesystem::path& f
   ThermalParameters out;
   const bool chain = static_cast<bool>(root["chain"]);
   if (chain) {
-    if (auto right = read_thermal_chain(file); !right) return tl::unexpected(right.error());
+    const auto known = read_thermal_chain(file);
+    if (!known) return tl::unexpected(known.error());
+    if (known->uncertainty) out.surroundings = known->uncertainty->surroundings;
     read_chain_rows(in, out);
   } else {
     auto models = read_thermal(file);
@@ -136,14 +152,28 @@ Result<std::vector<std::vector<PredictedSession>>> predict_temperatures(const st
       if (session.temperature_degC.empty())
         return tl::unexpected(Error(fmt::format("{}: has no column temperature_{}_degC to compare with",
                                                 recordings.files[session.file], joint.name)));
+  const auto known = read_thermal_parameters(parameters);
+  if (!known) return tl::unexpected(known.error());
+  const std::vector<bool> seen = of_the_fit(recordings.files, known->data, parameters);
   const auto chain = is_thermal_chain(parameters);
   if (!chain) return tl::unexpected(chain.error());
-  auto all = *chain ? of_chain(parameters, recordings) : of_joints(parameters, recordings);
-  if (!all) return tl::unexpected(all.error());
-  std::vector<std::vector<PredictedSession>> out(all->size());
+  auto all = *chain ? of_chain(parameters, recordings, seen) : of_joints(parameters, recordings, seen);
+  if (!all) return all;
   for (std::size_t k = 0; k < all->size(); ++k)
     for (std::size_t s = 0; s < (*all)[k].size(); ++s)
-      out[k].push_back(compared(std::move((*all)[k][s]), recordings.joints[k].sessions[s].temperature_degC));
+      compare((*all)[k][s], recordings.joints[k].sessions[s].temperature_degC);
+  return all;
+}
+
+std::vector<bool> of_the_fit(const std::vector<std::string>& files, const std::vector<std::string>& data,
+                             const std::filesystem::path& parameters) {
+  std::vector<bool> out;
+  for (const auto& file : files)
+    out.push_back(std::ranges::any_of(data, [&](const std::string& name) {
+      std::error_code error;
+      const auto own = named_file(name, parameters);
+      return own && std::filesystem::equivalent(file, *own, error);
+    }));
   return out;
 }
 

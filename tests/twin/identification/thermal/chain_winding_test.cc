@@ -85,7 +85,7 @@ TEST(ThermalChain, SurroundingsThatCannotBeAreNeitherFoundNorWritten) {
   std::ofstream(file) << to_yaml(*fit, {"steady.csv"});
   const auto read = read_thermal_chain(file);
   ASSERT_TRUE(read) << read.error().message;
-  EXPECT_EQ(read->ambient_degC, fit->chain.ambient_degC);
+  EXPECT_EQ(read->chain.ambient_degC, fit->chain.ambient_degC);
 }
 
 /// Seconds of "2022-10-26T08:17:21.847Z".
