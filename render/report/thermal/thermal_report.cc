@@ -24,6 +24,7 @@ constexpr double good_share = 0.05, bad_share = 0.25, good_K = 1;
 // Of a day's temperatures within their band; they are warmer or colder together, so that single days have far fewer
 // than 95 %.
 constexpr double few_inside = 0.5;
+constexpr double drawn_K = 100;  // half of the widest band that still shows anything beside it
 
 /// How well a joint's temperatures are predicted in all its sessions.
 struct Agreement {
@@ -192,7 +193,7 @@ class Writer {
                         fmt::format("{:.1f} .. {:.1f}", session.time_s.front() / 60, session.time_s.back() / 60),
                         fmt::format("{:.1f} .. {:.1f}", low, high), fmt::format("{:.3f}", p.rms_K),
                         high > low ? percent(p.rms_K / (high - low)) : "–", fmt::format("{:.3f}", p.largest_K),
-                        p.half_width_K.empty() ? "–" : fmt::format("{:.3f}", std::ranges::max(p.half_width_K)),
+                        p.half_width_K.empty() ? "–" : digits(std::ranges::max(p.half_width_K), 3),
                         p.half_width_K.empty() ? "–" : percent(p.inside), fmt::format("{}", session.time_s.size())});
       }
     page_.add_table(page_.body(),
@@ -209,9 +210,8 @@ class Writer {
   std::string meaning_of_band() const {
     const auto& u = data_.parameters.surroundings;
     if (!u)
-      return "There is no band: the models are of an earlier version or from torque alone, which say no correlations "
-             "of "
-             "their parameters.";
+      return "There is no band: the models are of an earlier version, from torque alone, or from records that leave a "
+             "number free, as power that never changes does.";
     return fmt::format(
         "The band, the widest of each stretch in the table, holds 95 % of the recorded temperatures of many days, far "
         "fewer or all of a single one. It counts the parameters, bodies too slow for the record, noise, how the first "
@@ -262,17 +262,22 @@ class Writer {
           predicted =
               trace(k, file, "predicted", [&](auto s, auto i) { return data_.predicted[k][s].temperature_degC[i]; });
     recorded.mark = Mark::points;
-    if (!data_.predicted[k].front().half_width_K.empty())
+    const bool known = !data_.predicted[k].front().half_width_K.empty(),
+               drawn = known && all_[k].half_width_K <= drawn_K;
+    if (drawn)
       predicted.half_width =
           trace(k, file, "", [&](auto s, auto i) { return data_.predicted[k][s].half_width_K[i]; }).values;
     recorded.stroke = predicted.stroke = k;
     const auto& name = all_[k].joint;
-    return page_.show(to,
-                      history(name, {.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"},
-                              std::vector{recorded, predicted}),
-                      "temperature_" + name,
-                      fmt::format("{}: temperatures recorded in {}, and predicted from the first one{}.", name,
-                                  file_name(file), predicted.half_width.empty() ? "" : " with the band of 95 %"));
+    return page_.show(
+        to,
+        history(name, {.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"},
+                std::vector{recorded, predicted}),
+        "temperature_" + name,
+        fmt::format("{}: temperatures recorded in {}, and predicted from the first one{}.", name, file_name(file),
+                    drawn   ? " with the band of 95 %"
+                    : known ? fmt::format("; its band of 95 %, up to ±{}, is not drawn", kelvins(all_[k].half_width_K))
+                            : ""));
   }
 
   Outcome recording(std::size_t file) {

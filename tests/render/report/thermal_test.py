@@ -95,7 +95,7 @@ for joint in ("shoulder", "elbow"):
     )
     check(
         f"own data: the band of {joint} is that of --evaluate and holds",
-        shown[0][7] == f"{bands('monday.csv')[joint]['half_width_K']:.3f}"
+        float(shown[0][7]) == digits(bands("monday.csv")[joint]["half_width_K"], 3)
         and bands("monday.csv")[joint]["inside"] > 0.9,
         (shown, bands("monday.csv")),
     )
@@ -182,6 +182,25 @@ check(
     all(row[2] == "–" and row[3] == "–" for j in lacking for row in rows(short, j)[1:] if row[1] in lacking[j])
     and sum(row[2] == "–" for j in lacking for row in rows(short, j)[1:]) == sum(map(len, lacking.values())),
     (lacking, [rows(short, j) for j in lacking]),
+)
+
+# Power that never changes: what it heats and the surroundings are one.
+time_s = np.arange(0, 900, STEP_S)
+steady = 24 + 2 * (1 - np.exp(-time_s / 1000)) + np.random.default_rng(5).normal(0, 0.03, time_s.size)
+np.savetxt(
+    path("steady.csv"),
+    np.column_stack([time_s, np.full(time_s.size, 30), steady]),
+    delimiter=",",
+    header="time_s,power_elbow_w,temperature_elbow_degC",
+    comments="",
+)
+r = run(twin, "thermal", "steady.csv", "-o", "steady.yaml")
+run(report, "thermal", "steady.yaml", "-o", "steady.html")
+check(
+    "steady power: no band, and no numbers that no joint has",
+    "power that never changes" in content("steady.html")
+    and "e+" not in r.stdout + opening(content("steady.html"))["verdict"],
+    r.stdout,
 )
 
 # A chain.

@@ -89,17 +89,6 @@ thermal::Model with_numbers(const thermal::Model& model, const VectorXd& numbers
                              {numbers.data(), static_cast<std::size_t>(numbers.size() - 1)});
 }
 
-/// The numbers of PARAMS.yaml: exchange, then gain, t and T_amb of each joint.
-VectorXd numbers_of(const ThermalChain& chain) {
-  const Index n = std::ssize(chain.joints);
-  VectorXd out(1 + 3 * n);
-  out(0) = chain.exchange_1_s;
-  for (Index j = 0; j < n; ++j)
-    out.segment(1 + 3 * j, 3) << vector_of(chain.gain_K_J)(j), vector_of(chain.t_s)(j),
-        vector_of(chain.ambient_degC)(j);
-  return out;
-}
-
 ThermalChain with_numbers(ThermalChain chain, const VectorXd& numbers) {
   chain.exchange_1_s = numbers(0);
   for (std::size_t j = 0; j < chain.joints.size(); ++j) {

@@ -3,6 +3,7 @@
 #include <limits>
 #include <set>
 #include <type_traits>
+#include <utility>
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
@@ -391,8 +392,9 @@ Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints, Cha
          possible ? estimate("T_amb", "degC", ambient, covariance(first + n + j, first + n + j), quantile)
                   : without_sigma("T_amb", "degC", ambient, Status::at_bound)});
   }
-  if (covariance.allFinite())
-    fit.uncertainty = {.covariance = covariance_in_file_order(fit.chain, covariance),
+  MatrixXd in_file_order = covariance_in_file_order(fit.chain, covariance);
+  if (can_be_propagated(in_file_order, numbers_of(fit.chain)))
+    fit.uncertainty = {.covariance = std::move(in_file_order),
                        .sigmas = quantile,
                        .noise = {.white = fit.rms_K},
                        .surroundings = {.days = files_of(joints.front().sessions)},
@@ -400,6 +402,15 @@ Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints, Cha
   fit.lacking = judged(fit, joints, covariance);
   fit.unidentifiable = withheld(fit.lacking);
   return fit;
+}
+
+VectorXd numbers_of(const ThermalChain& chain) {
+  const Index n = std::ssize(chain.joints);
+  VectorXd out(1 + 3 * n);
+  out(0) = chain.exchange_1_s;
+  for (std::size_t k = 0; k < chain.joints.size(); ++k)
+    out.segment(1 + 3 * static_cast<Index>(k), 3) << chain.gain_K_J[k], chain.t_s[k], chain.ambient_degC[k];
+  return out;
 }
 
 MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const JointHeat> joints, std::size_t session) {

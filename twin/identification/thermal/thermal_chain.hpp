@@ -50,7 +50,7 @@ struct ThermalChainFit {
   double rms_K = 0;        ///< of all residuals
   double correlation = 1;  ///< number of correlated samples per independent one
   std::size_t samples = 0;
-  std::optional<ThermalUncertainty> uncertainty = {};  ///< none where it is not finite
+  std::optional<ThermalUncertainty> uncertainty = {};  ///< none where a record leaves a number free
   std::vector<Lacking> lacking = {};                   ///< of exchange, JOINT.gain, JOINT.t and JOINT.T_amb
   std::vector<std::string> unidentifiable = {};        ///< withheld(lacking)
 };
@@ -69,6 +69,9 @@ struct WindingTrial {
 /// All kinds that are tried, none among them: time constants of 15 s to 8 min, copper. What is best is chosen without
 /// any recording but these. Fails as fit_thermal_chain does.
 Result<std::vector<WindingTrial>> try_windings(std::span<const JointHeat> joints);
+
+/// As they stand in PARAMS.yaml: exchange, then gain, t and T_amb of each joint.
+Eigen::VectorXd numbers_of(const ThermalChain& chain);
 
 /// Temperatures [degC] of session `session`, joints x samples, from the first ones.
 Eigen::MatrixXd predicted_temperatures(const ThermalChain& chain, std::span<const JointHeat> joints,

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
@@ -205,17 +206,19 @@ Result<void> require(std::span<const HeatSession> sessions, const ThermalProblem
 }
 
 /// Of the model's parameters and the mean of A.
-ThermalUncertainty uncertainty_of(const Found& f, const CorrelatedNoise& noise) {
+std::optional<ThermalUncertainty> uncertainty_of(const Found& f, const CorrelatedNoise& noise) {
   const Index parameters = 2 * f.problem.nodes(), files = f.problem.files();
   MatrixXd by = MatrixXd::Zero(parameters + 1, parameters + files);
   by.topLeftCorner(parameters, parameters).setIdentity();
   by.row(parameters).tail(files).setConstant(1 / static_cast<double>(files));
   const VectorXd ambient = f.own.values.tail(files);
-  return {.covariance = by * f.own.covariance * by.transpose(),
-          .sigmas = f.quantile,
-          .noise = noise,
-          .surroundings = Surroundings::of({ambient.data(), static_cast<std::size_t>(files)}),
-          .slower = f.reach.models};
+  MatrixXd covariance = by * f.own.covariance * by.transpose();
+  if (!can_be_propagated(covariance, by * f.own.values)) return std::nullopt;
+  return ThermalUncertainty{.covariance = std::move(covariance),
+                            .sigmas = f.quantile,
+                            .noise = noise,
+                            .surroundings = Surroundings::of({ambient.data(), static_cast<std::size_t>(files)}),
+                            .slower = f.reach.models};
 }
 
 ThermalFit fit_of(Found& f, std::span<const HeatSession> sessions, const ThermalOptions& options) {
@@ -231,7 +234,7 @@ ThermalFit fit_of(Found& f, std::span<const HeatSession> sessions, const Thermal
   f.own = reported(f.problem, nodes, f.log_t, f.at, fit.noise);
   f.quantile = interval_sigmas(samples / fit.correlation - static_cast<double>(jacobian.cols()));
   f.reach = reach_of_slower_body(sessions, options, f.log_t, f.own, fit.noise, f.quantile);
-  if (f.own.covariance.allFinite()) fit.uncertainty = uncertainty_of(f, fit.noise);
+  fit.uncertainty = uncertainty_of(f, fit.noise);
   fit.parameters = parameters_of(f, options.order);
   for (Index file = 0; file < f.problem.files(); ++file) {
     const std::string name = f.problem.files() == 1 ? "T_amb" : fmt::format("T_amb[{}]", file + 1);
@@ -306,10 +309,10 @@ Advice thermal_advice(double recorded_s) {
 }
 
 std::string slower_body_reason(const Estimate& e, double recorded_s, double slower_s) {
-  return fmt::format(
-      "the record, {:.3g} h, is too short to exclude a slower body ({:.2g} h), with which it may be {:.3g} .. {:.3g} "
-      "{}",
-      recorded_s / 3600, slower_s / 3600, e.low, e.high, e.unit);
+  constexpr double any = 1e6;  // of K, s, K/W or K/J: no joint has that
+  return fmt::format("the record, {:.3g} h, is too short to exclude a slower body ({:.2g} h), with which it may be {}",
+                     recorded_s / 3600, slower_s / 3600,
+                     e.high - e.low > any ? "anything" : fmt::format("{:.3g} .. {:.3g} {}", e.low, e.high, e.unit));
 }
 
 std::vector<Lacking> merged_nodes(std::span<const Estimate> parameters, thermal::Order order) {

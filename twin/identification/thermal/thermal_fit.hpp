@@ -42,7 +42,7 @@ struct ThermalFit {
   thermal::Model model;              ///< with the mean of A
   double rms_K = 0;                  ///< of the residuals
   CorrelatedNoise noise = {};        ///< of the residuals [K]
-  std::optional<ThermalUncertainty> uncertainty = {};  ///< none of fits to torque, and where it is not finite
+  std::optional<ThermalUncertainty> uncertainty = {};  ///< none of torque, or with a number left free
   double correlation = 1;                              ///< number of correlated samples per independent one
   std::size_t samples = 0;
   std::vector<Lacking> lacking = {};             ///< what keeps parameters and T_amb from being numbers

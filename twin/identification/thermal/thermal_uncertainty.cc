@@ -19,6 +19,12 @@ double Surroundings::variance(bool seen) const {
   return deviation_K * deviation_K * (seen ? (n - 1) / n : (n + 1) / n);
 }
 
+bool can_be_propagated(const Eigen::MatrixXd& covariance, const Eigen::VectorXd& numbers) {
+  constexpr double free_sigmas = 1e5;
+  const auto sigma = covariance.diagonal().array().max(0).sqrt();
+  return covariance.allFinite() && (sigma < free_sigmas * numbers.array().abs().max(1)).all();
+}
+
 void write(YAML::Emitter& out, const ThermalUncertainty& u) {
   const auto entry = [&](const char* name, double value) { out << YAML::Key << name << YAML::Value << value; };
   out << YAML::Key << "uncertainty" << YAML::Value << YAML::Block << YAML::BeginMap << YAML::Key << "covariance"

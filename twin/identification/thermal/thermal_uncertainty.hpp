@@ -40,6 +40,10 @@ struct ThermalUncertainty {
   std::vector<WarmBodies> slower;  ///< models with one more body that fit as well
 };
 
+/// Whether a covariance of these numbers can be counted with: a record that leaves one free, like T_amb where the power
+/// never changes, gives variances that drown all others in rounding.
+bool can_be_propagated(const Eigen::MatrixXd& covariance, const Eigen::VectorXd& numbers);
+
 /// The mapping `uncertainty` of PARAMS.yaml, key and value.
 void write(YAML::Emitter& out, const ThermalUncertainty& uncertainty);
 /// Of a model with so many numbers. For readers: throws InputError.
