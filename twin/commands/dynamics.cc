@@ -22,6 +22,7 @@
 #include <tribotwin/twin/identification/verdict/lag_of_files.hpp>
 #include <tribotwin/twin/identification/verdict/negative_values.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
+#include <tribotwin/twin/identification/verdict/torque_band.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
@@ -416,6 +417,7 @@ Result<DynamicsFit> fit_of(const Arguments& a, const Robot& robot, const Dynamic
   options.weigh = !a.unweighted;
   options.essential_only = a.essential;
   options.instruments = instruments ? &*instruments : nullptr;
+  if (!instruments) options.folds = band_folds;
   options.lag = finds_lag(a) || (a.lag.empty() && !setting.signals.lag_s.empty());
   options.progress = [&](double share) { progress(share); };
   if (models.empty() || motion.has_temperature)
@@ -551,6 +553,7 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
                         .drive_gains = {},
                         .lag = {},
                         .ranges = {},
+                        .band = {},
                         .consistent = {}};
   origin.signals.cutoff_hz = motion.cutoff_hz;
   if (static_cast<Index>(robot.model->drives().size()) < robot.regressor.joints()) origin.torque_max_nm = torque_max_nm;
@@ -812,9 +815,9 @@ Result<Exit> execute(const Arguments& a) {
   consistent.predict_worse = !consistent.same && !choice.real_bodies;
   if (a.output.named()) {
     DynamicsOrigin origin = origin_of(a, robot, choice.setting, motion, torque_max_nm, models);
-    origin.left_out = left_out;
     if (data.gains) origin.drive_gains = data.gains->constants;
-    origin.lag = lag, origin.ranges = judgement.ranges, origin.consistent = consistent;
+    origin.left_out = left_out, origin.lag = lag, origin.ranges = judgement.ranges;
+    origin.band = band_of(motion, fit->held_out), origin.consistent = consistent;
     if (auto ok = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, origin), a.output); !ok)
       return ok;
   }

@@ -14,6 +14,7 @@
 #include <tribotwin/twin/identification/rigid_body/wrench.hpp>
 #include <tribotwin/twin/identification/verdict/lag_of_files.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
+#include <tribotwin/twin/identification/verdict/torque_band.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
@@ -40,16 +41,32 @@ struct Arguments {
   bool json = false, quiet = false;
 };
 
+using Samples = Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic>;
+
+/// Of recorded torques about predicted ones.
+struct Bands {
+  Eigen::VectorXd half_width;  ///< per joint [Nm; N]; NaN: none
+  std::string lacking;         ///< why there is none; empty: there are bands
+
+  double at(const Samples& trained, Index joint, Index sample) const {
+    return trained(joint, sample) ? half_width(joint) : std::nan("");
+  }
+};
+
 /// Over the samples in which the joint moves; at rest friction is not determined by the motion.
 struct Error {
   double rms = 0, range = 0, largest = 0;
   Index samples = 0;
+  double half_width = 0;  ///< of the band; NaN: there is none
+  InBand band;            ///< of the samples in the training
   double share() const { return rms / range; }
+  /// Errors below a thousandth of the range, as between twins without noise, are no matter.
+  bool band_fails() const { return band.fails() && share() > 1e-3; }
 };
 
-Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Index joint, double from_s,
-               double until_s) {
-  Error e;
+Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, const Bands& bands, const Samples& trained,
+               Index joint, double from_s, double until_s) {
+  Error e{.half_width = bands.half_width(joint)};
   double squares = 0, low = infinity, high = -low;
   for (Index i = 0; i < motion.size(); ++i) {
     if (const double t = motion.time_s[static_cast<std::size_t>(i)]; t < from_s || t > until_s) continue;
@@ -59,6 +76,8 @@ Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Inde
     squares += difference * difference;
     e.largest = std::max(e.largest, std::abs(difference));
     ++e.samples;
+    if (const double band = bands.at(trained, joint, i); !std::isnan(band))
+      ++e.band.samples, e.band.inside += std::abs(difference) <= band;
   }
   e.rms = std::sqrt(squares / static_cast<double>(e.samples));
   e.range = high - low;
@@ -69,6 +88,7 @@ Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, Inde
 struct Judgement {
   std::vector<JointVerdict> joints;
   std::vector<std::vector<Beyond>> beyond;  ///< per joint; empty: the ranges of the training are not known
+  Samples trained;                          ///< as of in_training
 };
 
 /// Of the samples whose errors count.
@@ -80,7 +100,8 @@ Judgement judged(const Arguments& a, const Robot& robot, const DynamicsFile& fil
   const Eigen::MatrixXd load = load_by(parameters.base), load_of_fit = load_by(file.parameters.base);  // as the ranges'
   const auto of = [&](const JointMotion& counted) -> Judgement {
     return {judge_joints(robot.regressor, counted, predicted, load),
-            beyond(file.ranges, counted, load_of_fit, with_temperature)};
+            beyond(file.ranges, counted, load_of_fit, with_temperature),
+            in_training(file.ranges, motion, load_of_fit, with_temperature)};
   };
   if (a.window_s.empty()) return of(motion);
   JointMotion counted = motion;
@@ -99,18 +120,28 @@ std::string outside_of(const std::vector<std::vector<Beyond>>& beyond, Index joi
   return fmt::format("{:.2g} % by {}", 100 * most->share, most->info().name);
 }
 
+/// For rows of row_of.
+TextTable table_of_errors() {
+  constexpr auto right = TextTable::right;
+  return TextTable{{TextTable::left("joint"), right("error rms"), right("of its range"), right("range"),
+                    right("largest"), right("95 % band"), TextTable::left(), right("inside"), right("samples"),
+                    right("outside training"), TextTable::left()}};
+}
+
 /// `lacking`: why there is no error; empty: there is one if the joint moves.
 std::vector<std::string> row_of(const std::string& joint, const Error& e, const std::string& unit,
                                 const std::string& outside, const std::string& lacking) {
   const auto figure = [](double x) { return fmt::format("{:.4g}", x); };
-  if (!lacking.empty()) return {joint, "-", "-", "-", "-", unit, "0", outside, lacking};
-  if (e.samples == 0) return {joint, "-", "-", figure(e.range), "-", unit, "0", outside, "does not move"};
+  if (!lacking.empty()) return {joint, "-", "-", "-", "-", "-", unit, "-", "0", outside, lacking};
+  if (e.samples == 0) return {joint, "-", "-", figure(e.range), "-", "-", unit, "-", "0", outside, "does not move"};
   return {joint,
           figure(e.rms),
           fmt::format("{:.2f} %", 100 * e.share()),
           figure(e.range),
           figure(e.largest),
+          std::isnan(e.half_width) ? "-" : "+-" + figure(e.half_width),
           unit,
+          e.band.samples == 0 ? "-" : fmt::format("{:.1f} %", 100 * e.band.share()),
           fmt::format("{}", e.samples),
           outside};
 }
@@ -127,14 +158,19 @@ Json training_of(const Judgement& judgement, Index joint) {
   return out;
 }
 
+/// Null where there is none.
+Json band_of(const Error& e) {
+  if (std::isnan(e.half_width)) return nullptr;
+  return {{"half_width", e.half_width},
+          {"samples", e.band.samples},
+          {"share_inside", e.band.samples > 0 ? Json(e.band.share()) : Json(nullptr)},
+          {"fails", e.band_fails()}};
+}
+
 Json json_of(const Error& e, const std::string& unit, const JointVerdict& verdict) {
-  return {{"rms", e.rms},
-          {"relative_to_range", e.share()},
-          {"range", e.range},
-          {"largest", e.largest},
-          {"samples", e.samples},
-          {"unit", unit},
-          {"verdict", json_of(verdict)}};
+  return {{"rms", e.rms},         {"relative_to_range", e.share()}, {"range", e.range},
+          {"largest", e.largest}, {"samples", e.samples},           {"unit", unit},
+          {"band", band_of(e)},   {"verdict", json_of(verdict)}};
 }
 
 /// Whether the parameters of real bodies are taken: not where the data contradict them all beyond doubt, or samples
@@ -179,6 +215,32 @@ double largest_growth(const DynamicsFile& file) {
   return largest;
 }
 
+/// Real bodies leave more of the training unexplained than the parameters whose band the file has.
+Bands bands_of(const Arguments& a, const DynamicsFile& file, const JointMotion& motion) {
+  Bands out{.half_width = Eigen::VectorXd::Constant(motion.q.rows(), std::nan("")), .lacking = {}};
+  if (file.band.empty())
+    out.lacking =
+        fmt::format("{}: of an earlier version, or of --iv: predicted torques have no 95 % band", a.parameters);
+  else if (motion.cutoff_hz != file.signals.cutoff_hz || motion.lag_s != file.signals.lag_s)
+    out.lacking = fmt::format(
+        "predicted torques have no 95 % band: that of {} is for torques with the cut-off and lag "
+        "of its fit",
+        a.parameters);
+  else
+    out.half_width = Eigen::Map<const Eigen::VectorXd>(file.band.data(), std::ssize(file.band));
+  if (takes_consistent(a, file) && !file.consistent->same) out.half_width.array() *= file.consistent->growth.array();
+  return out;
+}
+
+/// Empty where the band holds, or none is known.
+std::string band_that_fails(const std::string& joint, const std::string& unit, const Error& e) {
+  if (!e.band_fails()) return {};
+  return fmt::format(
+      "joint {}: only {:.0f} % of the recorded torques are within the 95 % band of +-{:.3g} {}, although the motion is "
+      "within the training's range: the robot has changed, or its model lacks something",
+      joint, 100 * e.band.share(), e.half_width, unit);
+}
+
 /// For tribotwin-report dynamics, which reads them again.
 Json origin_of(const Arguments& a) {
   return {{"model", a.model},
@@ -209,20 +271,21 @@ std::string words_of(const Arguments& a, const DynamicsFile& file) {
 }
 
 /// In the time of the recording: at each time what was recorded then, and what is predicted of that.
-std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::MatrixXd& predicted) {
+std::string csv_of(const Robot& robot, const JointMotion& motion, const Eigen::MatrixXd& predicted, const Bands& bands,
+                   const Samples& trained) {
   const AsRecorded measured_then = as_recorded(motion, motion.torque), predicted_then = as_recorded(motion, predicted);
   std::string s = "time_s";
   for (Index j = 0; j < predicted.rows(); ++j) {
     const char* unit = robot.regressor.is_slide(j) ? "n" : "nm";
-    s += fmt::format(",torque_{0}_{1},predicted_{0}_{1},temperature_{0}_degC,moving_{0}", robot.regressor.joint_name(j),
-                     unit);
+    s += fmt::format(",torque_{0}_{1},predicted_{0}_{1},band_{0}_{1},temperature_{0}_degC,moving_{0}",
+                     robot.regressor.joint_name(j), unit);
   }
   s += '\n';
   for (Index i = 0; i < motion.size(); ++i) {
     if (!predicted_then.known[static_cast<std::size_t>(i)]) continue;
     s += fmt::format("{:.9g}", motion.time_s[static_cast<std::size_t>(i)]);
     for (Index j = 0; j < predicted.rows(); ++j) {
-      for (const double torque : {measured_then.torque(j, i), predicted_then.torque(j, i)})
+      for (const double torque : {measured_then.torque(j, i), predicted_then.torque(j, i), bands.at(trained, j, i)})
         s += std::isnan(torque) ? "," : fmt::format(",{:.9g}", torque);
       s += fmt::format(",{:.7g},{:d}", motion.temperature_degC(j, i), motion.moving(j, i));
     }
@@ -337,33 +400,38 @@ std::vector<RobotRecording> recordings_of(const Arguments& a, const Robot& robot
   return recordings;
 }
 
-Result<Exit> execute(const Arguments& a) {
-  const Robot robot = loaded(a);
-  const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
+RobotFriction friction_of(const Arguments& a, const Robot& robot, const DynamicsFile& file) {
   auto friction = robot_friction(*robot.model, robot.regressor, *file.law, file.directional, file.torque_max_nm);
   if (!friction) throw InputError(fmt::format("{}: {}", a.model, friction.error().message));
   for (std::size_t r = 0; r < friction->size(); ++r)
     if (file.by_position[r]) (*friction)[r].depend_on_position();
+  return *std::move(friction);
+}
+
+Result<Exit> execute(const Arguments& a) {
+  const Robot robot = loaded(a);
+  const auto file = or_wrong_input(read_dynamics(a.parameters, robot.regressor, robot.base));
+  const RobotFriction friction = friction_of(a, robot, file);
   JointMotion motion = prepared(robot, recordings_of(a, robot, file), preparation_of(a, robot, file), a.quiet);
   const RobotParameters& parameters = takes_consistent(a, file) ? file.consistent->parameters : file.parameters;
-  const bool with_temperature = take_temperatures(a, robot, file, *friction, parameters, motion);
-  Eigen::MatrixXd predicted = predicted_torque(robot.regressor, robot.base, *friction, parameters, motion, a.threads);
+  const bool with_temperature = take_temperatures(a, robot, file, friction, parameters, motion);
+  Eigen::MatrixXd predicted = predicted_torque(robot.regressor, robot.base, friction, parameters, motion, a.threads);
   const std::vector<std::string> lacking = lacking_of(file, motion);
   blank(a, robot, file, lacking, predicted);
   const std::string wrench_csv = a.wrench.empty() ? std::string() : wrench_csv_of(a, robot, motion, predicted);
   const Judgement judgement = judged(a, robot, file, parameters, motion, with_temperature, predicted);
   Json j{{"of", origin_of(a)}, {"joints", Json::object()}, {"bodies", bodies_of(a, file)}};
-  constexpr auto right = TextTable::right;
-  TextTable table{{TextTable::left("joint"), right("error rms"), right("of its range"), right("range"),
-                   right("largest"), TextTable::left(), right("samples"), right("outside training"),
-                   TextTable::left()}};
+  TextTable table = table_of_errors();
+  std::vector<std::string> warnings = warnings_of(a, robot, file, judgement);
+  const Bands bands = bands_of(a, file, motion);
   double worst = 0;
   int moving = 0;
   for (Index joint = 0; joint < predicted.rows(); ++joint) {
     const auto& name = robot.regressor.joint_name(joint);
     const std::string unit = unit_of("Nm", robot.regressor.is_slide(joint));
-    const Error e = a.window_s.empty() ? error_of(motion, predicted, joint, -infinity, infinity)
-                                       : error_of(motion, predicted, joint, a.window_s[0], a.window_s[1]);
+    const auto [from_s, until_s] =
+        a.window_s.empty() ? std::pair(-infinity, infinity) : std::pair(a.window_s[0], a.window_s[1]);
+    const Error e = error_of(motion, predicted, bands, judgement.trained, joint, from_s, until_s);
     const std::string& why = lacking[static_cast<std::size_t>(joint)];
     table.add(row_of(name, e, unit, outside_of(judgement.beyond, joint), why));
     if (!why.empty()) {
@@ -375,6 +443,7 @@ Result<Exit> execute(const Arguments& a) {
           fmt::format("--interval: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
     j["joints"][name] = json_of(e, unit, judgement.joints[static_cast<std::size_t>(joint)]);
     j["joints"][name]["training"] = training_of(judgement, joint);
+    if (auto line = band_that_fails(name, unit, e); !line.empty()) warnings.push_back(std::move(line));
     moving += e.samples > 0;
     if (e.samples > 0) worst = std::max(worst, e.share());
   }
@@ -383,15 +452,16 @@ Result<Exit> execute(const Arguments& a) {
         fmt::format("{}: the robot stands still: no joint moves, and friction at rest does not follow from the motion",
                     joined(a.data)));
   j["worst_relative_to_range"] = worst;
-  std::vector<std::string> warnings = warnings_of(a, robot, file, judgement);
   std::ranges::move(late_torques(robot.regressor, a.data, lag_of_files(robot.regressor, motion, predicted), motion),
                     std::back_inserter(warnings));
-  j.update({{"warnings", warnings}, {"badly_explained", warnings_of(judgement.joints)}});
+  j.update(
+      {{"bands_lacking", bands.lacking}, {"warnings", warnings}, {"badly_explained", warnings_of(judgement.joints)}});
   if (a.output.named())
-    if (auto ok = deliver(csv_of(robot, motion, predicted), a.output); !ok) return ok;
+    if (auto ok = deliver(csv_of(robot, motion, predicted, bands, judgement.trained), a.output); !ok) return ok;
   if (!a.wrench.empty())
     if (auto ok = deliver(wrench_csv, {a.wrench, a.output.force}); !ok) return ok;
   if (!a.quiet) {
+    if (!bands.lacking.empty()) note("{}", bands.lacking);
     for (const auto& text : warnings) note("{}", text);
     for (const auto& text : warnings_of(judgement.joints)) note("{}", text);
   }
@@ -427,7 +497,10 @@ void add_predict(CLI::App& app, int& code) {
       ->capture_default_str();
   a->output.add_to(*c,
                    "CSV to write: time_s, torque_JOINT_nm (as recorded at that time, filtered as for the fit), "
-                   "predicted_JOINT_nm (as late), temperature_JOINT_degC (recorded, estimated, or 20), moving_JOINT");
+                   "predicted_JOINT_nm (as late), band_JOINT_nm (half the width of the 95 % band about it, in which 95 "
+                   "% of recorded torques lie where robot and motion are as in the training; empty at rest, outside of "
+                   "the training and where it is not known), temperature_JOINT_degC (recorded, estimated, or 20), "
+                   "moving_JOINT");
   auto* wrench = c->add_option("--wrench", a->wrench,
                                "CSV to write: external force and torque at the tool, world axes; empty where "
                                "joints rest or the arm is singular");

@@ -45,6 +45,13 @@ void read_training(const JsonInput& in, JointPrediction& joint) {
       joint.outside = share, joint.outside_of = quantity;
 }
 
+void read_band(const JsonInput& in, JointPrediction& joint) {
+  if (!in.has("band") || in["band"].is_null()) return;
+  joint.half_width = in["band"]["half_width"].number({0, 1e300});
+  joint.beside_band = 1 - in["band"]["share_inside"].number_or_null();
+  joint.band_fails = in["band"]["fails"].truth();
+}
+
 JointPrediction joint_of(const std::string& name, const JsonInput& in) {
   JointPrediction joint{.name = name, .unit = in["unit"].text()};
   if (in.has("lacking")) {
@@ -60,11 +67,25 @@ JointPrediction joint_of(const std::string& name, const JsonInput& in) {
   if (verdict.has("dependence") && !std::isnan(joint.of_variation))
     for (const auto& [on, one] : verdict["dependence"].entries()) joint.dependence.push_back(dependence_of(on, one));
   read_training(in["training"], joint);
+  read_band(in, joint);
   return joint;
 }
 
 std::string nowhere(const std::string& what, const std::string& name, const fs::path& by) {
   return fmt::format("{}: {} is neither in the working directory nor beside {}.", what, name, by.filename().string());
+}
+
+/// The half width in the rows of a table that have one, per line of `lines`; else NaN.
+Result<std::vector<double>> band_of(const fs::path& table, const std::string& column,
+                                    const std::vector<std::size_t>& lines) {
+  const auto numbers = twin::read_numbers(table, {column});
+  if (!numbers) return tl::unexpected(numbers.error());
+  std::vector<double> out(lines.size(), std::nan(""));
+  for (std::size_t i = 0; i < numbers->columns[0].size(); ++i)
+    if (const auto at = std::ranges::lower_bound(lines, numbers->lines[i]);
+        at != lines.end() && *at == numbers->lines[i])
+      out[static_cast<std::size_t>(at - lines.begin())] = numbers->columns[0][i];
+  return out;
 }
 
 /// Torques of each joint from the table that tribotwin predict wrote beside its JSON.
@@ -87,6 +108,10 @@ Result<void> read_torques(const fs::path& table, std::vector<JointPrediction>& j
     joint.predicted = std::move(numbers->columns[2]);
     for (std::size_t i = 0; i < joint.predicted.size(); ++i)
       if (numbers->columns[3][i] == 0) joint.predicted[i] = std::nan("");
+    if (std::isnan(joint.half_width)) continue;
+    auto band = band_of(table, fmt::format("band_{}_{}", joint.name, unit), numbers->lines);
+    if (!band) return tl::unexpected(band.error());
+    joint.band = std::move(*band);
   }
   return {};
 }
@@ -102,6 +127,13 @@ void name_units(twin::identification::FrictionEstimates& friction, const std::ve
     const auto p = std::ranges::find((*law)->parameters, e.name, &friction::Parameter::name);
     if (p != (*law)->parameters.end()) e.unit = twin::unit_of(p->unit, slide);
   }
+}
+
+void name_missing_bands(const JsonInput& in, DynamicsData& out) {
+  if (!in.has("bands_lacking"))
+    out.missing.push_back("No 95 % bands are known: the predictions are of an earlier version of tribotwin predict.");
+  else if (const auto why = in["bands_lacking"].text(); !why.empty())
+    out.missing.push_back(why + ".");
 }
 
 void take_table(const JsonInput& name, DynamicsData& out) {
@@ -128,6 +160,7 @@ DynamicsData read_result(const fs::path& file) {
   out.recordings = texts(in["of"]["data"]);
   for (const auto& [name, joint] : in["joints"].entries()) out.joints.push_back(joint_of(name, joint));
   out.warnings = texts(in["warnings"]), out.badly_explained = texts(in["badly_explained"]);
+  name_missing_bands(in, out);
   take_table(in["of"]["table"], out);
   return out;
 }

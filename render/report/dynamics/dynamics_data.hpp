@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -20,7 +21,12 @@ struct JointPrediction {
   std::vector<twin::identification::Dependence> dependence;  ///< of the residual
   double outside = 0;      ///< largest share of samples outside the training's range of a quantity; NaN: not known
   std::string outside_of;  ///< which quantity that is
+  double half_width = std::numeric_limits<double>::quiet_NaN();  ///< of the 95 % band [unit]; NaN: there is none
+  /// Share of the samples in the training whose recorded torque is not in the band, 0 .. 1; NaN: there are none.
+  double beside_band = std::numeric_limits<double>::quiet_NaN();
+  bool band_fails = false;                          ///< so many that there is a warning
   std::vector<double> time_s, recorded, predicted;  ///< [s; unit]; predicted NaN at rest
+  std::vector<double> band;                         ///< half_width; NaN where it does not hold. Empty: no band
 };
 
 struct DynamicsData {

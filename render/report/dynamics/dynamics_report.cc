@@ -7,6 +7,7 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/report/dynamics/dynamics_report.hpp>
+#include <tribotwin/twin/identification/verdict/torque_band.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
@@ -14,9 +15,27 @@ namespace {
 
 using Outcome = Result<void>;
 using twin::identification::Dependence;
+using twin::identification::InBand;
 
 constexpr std::size_t excerpt_samples = 800;
 constexpr double seldom = 0.01;  // share of samples outside the training that needs no word
+
+/// Where the band holds: a closed outline for each stretch. `time_s`, `middle`, `half_width`: of equal length.
+std::vector<Trace> outlines_of(const std::vector<double>& time_s, const std::vector<double>& middle,
+                               const std::vector<double>& half_width) {
+  std::vector<Trace> out;
+  for (std::size_t first = 0, last = 0; first < half_width.size(); first = last + 1) {
+    for (last = first; last < half_width.size() && std::isfinite(middle[last] + half_width[last]);) ++last;
+    if (last < first + 2) continue;
+    Trace& outline = out.emplace_back(
+        Trace{.label = out.empty() ? "95 % band" : "", .time_s = {}, .values = {}, .stroke = 1, .mark = Mark::band});
+    for (std::size_t i = first; i < last; ++i)
+      outline.time_s.push_back(time_s[i]), outline.values.push_back(middle[i] + half_width[i]);
+    for (std::size_t i = last; i-- > first;)
+      outline.time_s.push_back(time_s[i]), outline.values.push_back(middle[i] - half_width[i]);
+  }
+  return out;
+}
 
 std::string number(double v) { return std::isnan(v) ? "–" : fmt::format("{:.4g}", v); }
 
@@ -128,21 +147,27 @@ class Writer {
     if (const auto* j = worst(&JointPrediction::of_variation))
       tiles.push_back({"unexplained", percent(j->of_variation), fmt::format("of the variation of {}", j->name),
                        j->badly_explained ? "bad" : "good"});
+    if (const auto* j = worst(&JointPrediction::beside_band))
+      tiles.push_back({"within the 95 % band", percent(1 - j->beside_band),
+                       fmt::format("of the torques of {}", j->name), j->band_fails ? "warn" : "good"});
     if (const auto* j = worst(&JointPrediction::outside))
       tiles.push_back(
           {"outside the training", j->outside == 0 ? "0 %" : percent(j->outside),
            j->outside == 0 ? "of the samples" : fmt::format("of the samples of {}, by {}", j->name, j->outside_of),
            j->outside > seldom ? "warn" : "good"});
     tiles.push_back({"recordings", fmt::format("{}", data_.recordings.size()), without_folder(data_.model)});
-    page_.open({.verdict = verdict(),
-                .light = light(),
-                .rule = fmt::format("red when 30 % or more of the variation of a joint's torque is unexplained, amber "
-                                    "when a note is below, a joint has no prediction, or more than {:.0f} % of its "
-                                    "samples are outside the training.",
-                                    100 * seldom),
-                .tiles = std::move(tiles),
-                .action = action(),
-                .identity = identity_of(options_, without_folder(data_.parameters))});
+    page_.open(
+        {.verdict = verdict(),
+         .light = light(),
+         .rule = fmt::format("red when 30 % or more of the variation of a joint's torque is unexplained, amber "
+                             "when a note is below, a joint has no prediction, or more than {:.0f} % of its "
+                             "samples are outside the training. A note says where less than {:.0f} % of a "
+                             "joint's torques are within their 95 % band, though the motion is within the training's "
+                             "range.",
+                             100 * seldom, 100 * InBand::too_few),
+         .tiles = std::move(tiles),
+         .action = action(),
+         .identity = identity_of(options_, without_folder(data_.parameters))});
   }
 
   void notes() {
@@ -163,16 +188,20 @@ class Writer {
                                   : std::isnan(j.outside) ? "not known"
                                   : j.outside == 0        ? "–"
                                                           : fmt::format("{} by {}", percent(j.outside), j.outside_of);
-      rows.push_back({j.name, number(j.rms), percent(j.of_range), number(j.range), number(j.largest), j.unit,
-                      percent(j.of_variation), outside});
+      rows.push_back({j.name, number(j.rms), percent(j.of_range), number(j.range), number(j.largest),
+                      number(j.half_width), j.unit, percent(1 - j.beside_band), percent(j.of_variation), outside});
     }
-    page_.add_table(
-        page_.body(),
-        {"joint", "error, RMS", "of its range", "range", "largest", "unit", "unexplained", "outside the training"},
-        rows);
-    page_.add(page_.body(), "p",
-              "Of samples in which the joint moves. Unexplained: error over the standard deviation of the torque.",
-              "soft");
+    page_.add_table(page_.body(),
+                    {"joint", "error, RMS", "of its range", "range", "largest", "95 % band, ±", "unit", "in the band",
+                     "unexplained", "outside the training"},
+                    rows);
+    page_.add(
+        page_.body(), "p",
+        "Of samples in which the joint moves. 95 % band: 95 % of the torques of the training were that near to what "
+        "the "
+        "rest of the training predicts. In the band: the share of the torques of these recordings, where the motion is "
+        "within the training's range. Unexplained: error over the standard deviation of the torque.",
+        "soft");
   }
 
   /// A stretch from the middle of the record in which time goes on.
@@ -184,12 +213,21 @@ class Writer {
       return std::vector<double>(v.begin() + static_cast<std::ptrdiff_t>(first),
                                  v.begin() + static_cast<std::ptrdiff_t>(last));
     };
-    const std::vector<Trace> traces{{.label = "recorded", .time_s = cut(j.time_s), .values = cut(j.recorded)},
-                                    {.label = "predicted", .time_s = cut(j.time_s), .values = cut(j.predicted)}};
+    const std::vector<double> time_s = cut(j.time_s), predicted = cut(j.predicted);
+    std::vector<Trace> traces;
+    if (!j.band.empty()) traces = outlines_of(time_s, predicted, cut(j.band));
+    const bool with_band = !traces.empty();
+    traces.push_back({.label = "recorded", .time_s = time_s, .values = cut(j.recorded)});
+    traces.push_back({.label = "predicted", .time_s = time_s, .values = predicted});
     return page_.show(
         to, history(j.name, {.quantity = "torque", .symbol = "τ", .unit = j.unit}, traces), "torque_" + j.name,
-        fmt::format("{}: torque, recorded and, while the joint moves, predicted, from {:.6g} to {:.6g} s.", j.name,
-                    traces[0].time_s.front(), traces[0].time_s.back()));
+        fmt::format("{}: torque, recorded and, while the joint moves, predicted, from {:.6g} to {:.6g} s.{}", j.name,
+                    time_s.front(), time_s.back(),
+                    with_band
+                        ? fmt::format(" Band: ± {} {} about it, in which 95 % of recorded torques lie if the robot "
+                                      "is as in the training; drawn where the motion is within the training's range.",
+                                      number(j.half_width), j.unit)
+                        : ""));
   }
 
   Outcome residual(pugi::xml_node to, const JointPrediction& j, const Dependence& d) {

@@ -1,6 +1,6 @@
 """tribotwin-report dynamics: the page in a real browser, its numbers against those of tribotwin predict, a law that
 does not explain a joint, files that are gone, wrong input. Arguments: tribotwin, tribotwin-report."""
-import json, os, re, sys
+import html, json, os, re, sys
 
 import numpy as np
 
@@ -19,14 +19,14 @@ def run(program, *arguments):
     return harness.run(program, *arguments, "--force")
 
 
-def recording(name, seed, speed, by_position=0.0):
+def recording(name, seed, speed, by_position=0.0, coulomb=1.2):
     """The pendulum at up to `speed`, 60 s: inertia, gravity, Coulomb and viscous friction, 0.05 Nm of noise, and a
     torque that depends on the position, which no law has."""
     time_s = np.arange(0, 60, 0.005)
     phase = 2 * np.pi * np.array([0.21, 0.37])[:, None] * time_s
     q = np.array([0.9, 0.35]) @ np.sin(phase) * speed
     qd, qdd = np.gradient(q, time_s), np.gradient(np.gradient(q, time_s), time_s)
-    torque = 1.5 * qdd + 6 * np.sin(q) + 1.2 * np.sign(qd) + 0.4 * qd + by_position * np.sin(9 * q)
+    torque = 1.5 * qdd + 6 * np.sin(q) + coulomb * np.sign(qd) + 0.4 * qd + by_position * np.sin(9 * q)
     torque += np.random.default_rng(seed).normal(0, 0.05, time_s.size)
     np.savetxt(
         path(name),
@@ -37,8 +37,8 @@ def recording(name, seed, speed, by_position=0.0):
     )
 
 
-def predicted(data):
-    r = run(twin, "predict", "robot.xml", "robot.yaml", data, "-o", "predicted.csv", "--json", "--quiet")
+def predicted(data, parameters="robot.yaml", *options):
+    r = run(twin, "predict", "robot.xml", parameters, data, "-o", "predicted.csv", "--json", "--quiet", *options)
     with open(path("predicted.json"), "w") as f:
         f.write(r.stdout)
     return json.loads(r.stdout)
@@ -49,6 +49,13 @@ def rows(text, first):
     return [c for c in cells if c and c[0] == first]
 
 
+def drawn_bands(text):
+    """The outlines of the 95 % band and the curve that it is about, of the figure of the torque."""
+    data = [json.loads(html.unescape(d)) for d in re.findall(r'data-figure="([^"]*)"', text)]
+    series = next(d["series"] for d in data if any(s["label"] == "predicted" for s in d["series"]))
+    return [s for s in series if s["mark"] == "band"], next(s for s in series if s["label"] == "predicted")
+
+
 def percent(share):
     return f"{100 * share:.{1 if share < 0.1 else 0}f} %"
 
@@ -56,6 +63,7 @@ def percent(share):
 recording("monday.csv", 1, 1.0)
 recording("tuesday.csv", 2, 0.9)
 recording("ripple.csv", 3, 0.9, by_position=6)
+recording("worn.csv", 4, 0.9, coulomb=1.25)
 r = run(twin, "dynamics", "robot.xml", "monday.csv", "--friction", "coulomb_viscous", "-o", "robot.yaml", "--quiet")
 check("identified", r.returncode == 0, r.stderr)
 
@@ -65,7 +73,11 @@ check("the page is written", r.returncode == 0 and r.stdout.endswith("dynamics.h
 shown = page_of("dynamics", path("dynamics.html"), 0, len(os.listdir(path("dynamics_figures"))))
 page = content("dynamics.html")
 said = opening(page)
-check("another day: green, with its rule", said["light"] == "Green" and "30 %" in said["rule"], said)
+check(
+    "another day: green, with its rule",
+    said["light"] == "Green" and {"30 %", "90 %"} <= set(re.findall(r"\d+ %", said["rule"])),
+    said,
+)
 check(
     "the verdict has the errors of predict",
     f"within {percent(p['relative_to_range'])} of their range" in said["verdict"]
@@ -75,13 +87,15 @@ check(
 row = rows(page, "hinge")[0]
 check(
     "the table has the numbers of predict",
-    row[1:8]
+    row[1:10]
     == [
         f"{p['rms']:.4g}",
         percent(p["relative_to_range"]),
         f"{p['range']:.4g}",
         f"{p['largest']:.4g}",
+        f"{p['band']['half_width']:.4g}",
         "Nm",
+        percent(p["band"]["share_inside"]),
         percent(p["verdict"]["of_variation"]),
         "–",
     ],
@@ -100,6 +114,80 @@ with open(path("predicted.csv")) as f:
 moving = [line.rsplit(",", 1)[1] for line in lines]
 check("the table says where the joint moves", head.endswith(",moving_hinge") and set(moving) <= {"0", "1"}, head)
 check("as often as predict counts", moving.count("1") == p["samples"], (moving.count("1"), p["samples"]))
+
+# The 95 % band.
+band = p["band"]
+table = np.genfromtxt(path("predicted.csv"), delimiter=",", names=True)
+inside = ~np.isnan(table["band_hinge_nm"])
+error = np.abs(table["torque_hinge_nm"] - table["predicted_hinge_nm"])[inside]
+check(
+    "the table has the band where the joint moves in the training",
+    set(table["band_hinge_nm"][inside]) == {float(f"{band['half_width']:.9g}")}
+    and inside.sum() == band["samples"] > 0.9 * p["samples"]
+    and not inside[table["moving_hinge"] == 0].any(),
+    (inside.sum(), p),
+)
+within = {factor: np.mean(error <= factor * band["half_width"]) for factor in (0.5, 1, 2)}
+check("the share inside is that of the table", abs(within[1] - band["share_inside"]) < 2 / inside.sum(), within)
+check(
+    "the band has 95 % of another day's torques; half or twice as wide it would not",
+    0.93 < within[1] < 0.97 and within[0.5] < 0.93 and within[2] > 0.97,
+    within,
+)
+bands, middle = drawn_bands(page)
+at = dict(zip(middle["x"], middle["y"]))
+check(
+    "it is drawn about the predicted torque, and said",
+    bands[0]["label"] == "95 % band"
+    and all(abs(abs(y - at[x]) - band["half_width"]) < 1e-3 for s in bands for x, y in zip(s["x"], s["y"]))
+    and sum(len(s["x"]) for s in bands) > len(middle["x"])
+    and f"Band: ± {band['half_width']:.4g} Nm about it" in page,
+    (bands[0], band),
+)
+result = predicted("worn.csv")
+worn = result["joints"]["hinge"]
+r = run(report, "dynamics", "predicted.json", "-o", "worn.html")
+said = opening(content("worn.html"))
+check(
+    "friction that grew: seen by the band, amber",
+    worn["band"]["share_inside"] < 0.9
+    and not worn["verdict"]["badly_explained"]
+    and any("joint hinge: only" in w and "95 % band" in w for w in result["warnings"])
+    and said["light"] == "Amber",
+    (result["warnings"], worn["band"], said),
+)
+other = predicted("tuesday.csv", "robot.yaml", "--cutoff", "8")
+check("torques with another cut-off have no band", other["joints"]["hinge"]["band"] is None, other["joints"])
+with open(path("robot.yaml")) as f, open(path("old.yaml"), "w") as g:
+    g.write(re.sub(r"^band:\n(  .*\n)+", "", f.read(), flags=re.M))
+other = predicted("tuesday.csv", "old.yaml")
+r = run(report, "dynamics", "predicted.json", "-o", "old.html")
+check("a page all the same", r.returncode == 0, r)
+page = content("old.html")
+check(
+    "nor have those of a file of an earlier version, and both say so",
+    other["joints"]["hinge"]["band"] is None
+    and "old.yaml: of an earlier version" in other["bands_lacking"]
+    and "have no 95 % band" in page
+    and "Band: ±" not in page
+    and drawn_bands(page)[0] == [],
+    other,
+)
+for joint in [other["joints"]["hinge"]]:
+    del joint["band"], other["bands_lacking"]
+with open(path("predicted.json"), "w") as f:
+    json.dump(other, f)
+with open(path("predicted.csv")) as f:
+    columns = [line.rstrip("\n").split(",") for line in f]
+with open(path("predicted.csv"), "w") as f:
+    f.write("".join(",".join(c[:3] + c[4:]) + "\n" for c in columns))
+check("the case is one", columns[0][3] == "band_hinge_nm")
+r = run(report, "dynamics", "predicted.json", "-o", "older.html")
+check(
+    "a prediction of an earlier version has a page without bands",
+    r.returncode == 0 and "No 95 % bands are known" in content("older.html"),
+    r,
+)
 
 # A torque by position that the law does not have.
 result = predicted("ripple.csv")

@@ -99,6 +99,39 @@ fit = json.loads(
 for name in ("cold", "hot"):
     e = json.loads(run("predict", model, "params.yaml", f"{name}.csv", "--json").stdout)
     check(f"torque of another motion, {name}: below 3 % of the range", e["worst_relative_to_range"] < 0.03, e)
+# ---- The 95 % band: of the excitation, against another motion with the same law, and where it does not hold.
+share = {}
+for name in ("cold", "hot"):
+    e = json.loads(
+        run("predict", model, "params.yaml", f"{name}.csv", "-o", f"{name}_predicted.csv", "--json", "--quiet").stdout
+    )
+    table = np.genfromtxt(f"{work}/{name}_predicted.csv", delimiter=",", names=True)
+    for joint, said in e["joints"].items():
+        half_width = table[f"band_{joint}_nm"]
+        counts = ~np.isnan(half_width)
+        error = np.abs(table[f"torque_{joint}_nm"] - table[f"predicted_{joint}_nm"])[counts] / half_width[counts]
+        share[name, joint] = [np.mean(error <= factor) if len(error) else np.nan for factor in (0.5, 1, 2)]
+        check(
+            f"the band of {joint}, {name}: table and JSON agree",
+            said["band"]["samples"] == counts.sum() <= said["samples"]
+            and (not counts.any() or abs(said["band"]["share_inside"] - share[name, joint][1]) < 2 / counts.sum()),
+            (said["band"], counts.sum(), share[name, joint]),
+        )
+cold = np.array([share["cold", f"joint{j}"] for j in range(1, 7)])
+check(
+    "another motion: 95 % of each joint's torques are in the band; half or twice as wide they would not be",
+    0.92 < cold[:, 1].min()
+    and cold[:, 1].max() < 0.98
+    and 0.93 < cold[:, 1].mean() < 0.97
+    and cold[:, 0].max() < 0.92
+    and cold[:, 2].min() > 0.98,
+    cold,
+)
+check(
+    "hotter than the training: no band where that is by more than 2 K",
+    all(np.isnan(share["hot", joint][1]) for joint in ("joint1", "joint3", "joint4", "joint5", "joint6")),
+    share,
+)
 truth = {}
 for j in range(1, 7):
     block = re.search(rf'<instance name="j{j}">(.*?)</instance>', open(model).read(), re.S).group(1)
@@ -731,7 +764,13 @@ check(
     "predict warns too", "joint elbow" in r.stderr and "by position" in r.stdout and "joint shoulder" not in r.stderr, r
 )
 r = run("predict", "two.xml", "two.yaml", "explained.csv")
-check("and is silent where all is explained", "unexplained" not in r.stderr, r.stderr)
+check(
+    "and is silent where all is explained",
+    "unexplained" not in r.stderr
+    and "95 % band" not in r.stderr
+    and re.search(r"elbow .* \+-0\.\d+ +Nm +9[4-8]\.\d %", r.stdout),
+    r,
+)
 
 # ---- What the fit saw, and what is asked of it.
 check("nothing to say of its own training", "leaves the training" not in r.stderr, r)
@@ -759,15 +798,24 @@ check(
     j,
 )
 text = open(f"{work}/two.yaml").read()
-old = re.sub(r"^(ranges|consistent):\n(  .*\n)+|^chance:.*\n", "", text, flags=re.M)
+old = re.sub(r"^(band|ranges|consistent):\n(  .*\n)+|^chance:.*\n", "", text, flags=re.M)
 check("the case is one", "\nranges:" in text and "\nconsistent:" in text and len(old) < len(text) - 200)
 open(f"{work}/old.yaml", "w").write(old)
 r = run("predict", "two.xml", "old.yaml", "fast.csv")
-check("of an earlier version: ranges are unknown", r.stderr.count("not known") == 1 and "unknown" in r.stdout, r)
+check(
+    "of an earlier version: ranges and bands are unknown",
+    r.stderr.count("not known") == 1
+    and "unknown" in r.stdout
+    and r.stderr.count("old.yaml: of an earlier version, or of --iv: predicted torques have no 95 % band") == 1,
+    r,
+)
 j = json.loads(run("predict", "two.xml", "old.yaml", "fast.csv", "--json", "--quiet").stdout)
 check(
     "JSON of that",
-    j["joints"]["elbow"]["training"] is None and j["bodies"]["used"] == "least_squares" and j["bodies"]["same"] is None,
+    j["joints"]["elbow"]["training"] is None
+    and j["joints"]["elbow"]["band"] is None
+    and j["bodies"]["used"] == "least_squares"
+    and j["bodies"]["same"] is None,
     j,
 )
 open(f"{work}/bad.yaml", "w").write(re.sub(r"speed: \[.*\]", "speed: [2, 1]", text, count=1))
@@ -784,7 +832,7 @@ check(
     and "predict takes those of least squares" in r.stdout,
     r,
 )
-used = {}
+used, wide = {}, {}
 j = json.loads(run("predict", "two.xml", "unreal.yaml", "unreal.csv", "--json").stdout)
 check("data that contradict real bodies: least squares", j["bodies"]["used"] == "least_squares", j["bodies"])
 for bodies in ("consistent", "least_squares"):
@@ -793,11 +841,18 @@ for bodies in ("consistent", "least_squares"):
     j = json.loads(run("predict", "two.xml", "unreal.yaml", "unreal.csv", "--bodies", bodies, "--json").stdout)
     check(f"{bodies}: said", j["bodies"]["used"] == bodies and not j["bodies"]["same"] and not j["bodies"]["possible"])
     used[bodies] = j["joints"]["elbow"]["rms"]
+    wide[bodies] = j["joints"]["elbow"]["band"]["half_width"]
 check(
     "residuals grow as said",
     abs(used["consistent"] / used["least_squares"] / j["bodies"]["residual_growth"] - 1) < 1e-3
     and j["bodies"]["residual_growth"] > 1.02,
     (used, j["bodies"]),
+)
+
+check(
+    "and bands with them",
+    abs(wide["consistent"] / wide["least_squares"] / (used["consistent"] / used["least_squares"]) - 1) < 1e-3,
+    (used, wide),
 )
 
 # ---- One recording under two names.

@@ -36,6 +36,7 @@ Result<HeldOut> held_out(const Regressor& regressor, const BaseParameters& base,
                          const DynamicsFit* start, const std::vector<Fold>* known, unsigned threads) {
   DynamicsOptions options = options_of(setting, threads);
   options.folds = folds;
+  options.trial = true;
   options.start = start;
   options.known_folds = known;
   options.evidence = true;

@@ -409,9 +409,8 @@ class Identification {
 
   /// Gauss-Newton with shortened steps; reweighted after every step.
   void iterate() {
-    const bool trial = options_.folds > 1;  // what does not converge is no candidate
-    const int max_passes = trial ? 6 : 40;
-    const double at_rest = trial ? 0.1 : 1e-2;
+    const int max_passes = options_.trial ? 6 : 40;
+    const double at_rest = options_.trial ? 0.1 : 1e-2;
     RobotParameters best = now_;
     VectorXd step;
     double share = 1, cost = 0;
@@ -515,7 +514,7 @@ class Identification {
     MatrixXd all = prior_normal();
     for (const MatrixXd& N : of_block) all += N;
     std::vector<DynamicsProblem::Rows> rows;
-    if (options_.robust != Robust::none) rows = problem_.rows(now_);
+    if (options_.trial && options_.robust != Robust::none) rows = problem_.rows(now_);
     std::vector<Asked> of_fold(folds.size());
     in_parallel(folds.size(), options_.threads, [&](std::size_t f) {
       std::vector<bool> gone(blocks.size());

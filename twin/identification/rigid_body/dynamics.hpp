@@ -57,6 +57,8 @@ struct DynamicsOptions {
   bool evidence = false;        ///< find the prior that is the most probable (DynamicsFit::prior_by_evidence)
   bool lag = false;             ///< what the torques are late is unknown and counts in the sigmas: DynamicsFit::lag
   unsigned folds = 0;           ///< parts of the samples to leave out one at a time (resampling/folds.hpp); 0: none
+  bool trial = false;  ///< a candidate among others: it ends early if it does not converge, and with `robust` each fold
+                       ///< has weights by the other folds alone (which stores all rows), not by all samples
   const std::vector<Fold>* known_folds = nullptr;  ///< DynamicsFit::folds of a motion of the same times, to be the same
   const struct DynamicsFit* start = nullptr;  ///< of the same base parameters: begin there instead of at the model;
                                               ///< friction by its parameters' names

@@ -44,6 +44,24 @@ void write_ranges(YAML::Emitter& out, const Regressor& regressor, const std::vec
   out << YAML::EndMap;
 }
 
+void write_band(YAML::Emitter& out, const DynamicsFit& fit, const Eigen::VectorXd& band) {
+  if (band.size() == 0) return;
+  out << YAML::Key << "band" << YAML::Value << YAML::BeginMap;
+  for (Index j = 0; j < band.size(); ++j)
+    if (std::isfinite(band(j)))
+      out << YAML::Key << fit.joints[static_cast<std::size_t>(j)].name << YAML::Value << band(j);
+  out << YAML::EndMap;
+}
+
+/// Empty where the file has none of that name; NaN of joints that it does not have.
+std::vector<double> read_per_joint(Mapping& in, const std::string& name, const Regressor& robot) {
+  std::vector<double> out;
+  if (auto joints = in.mapping(name))
+    for (Index j = 0; j < robot.joints(); ++j)
+      out.push_back(joints->number_or(robot.joint_name(j), std::numeric_limits<double>::quiet_NaN(), {0, 1e9}));
+  return out;
+}
+
 std::vector<JointRange> read_ranges(Mapping& in, const Regressor& regressor) {
   std::vector<JointRange> out;
   auto ranges = in.mapping("ranges");
@@ -339,6 +357,7 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   out << YAML::EndMap << YAML::Key << "physically_possible" << YAML::Value << consistency.possible << YAML::Key
       << "distance_sigma" << YAML::Value << consistency.distance_sigma << YAML::Key << "chance" << YAML::Value
       << consistency.chance;
+  write_band(out, fit, origin.band);
   write_ranges(out, regressor, origin.ranges);
   if (origin.consistent) write_consistent(out, fit, base, regressor, *origin.consistent);
   const Eigen::VectorXd& bodies = origin.consistent ? origin.consistent->bodies : consistency.parameters;
@@ -369,11 +388,11 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   const YAML::Node root = load_yaml(file);
   refuse_other_kind(root, file.string(), "tribotwin dynamics");
   Mapping in(file.string(), "", root);
-  in.accept({"model",           "data",        "friction_law",         "estimator",      "signals",
-             "coupling",        "drive_gains", "torque_max_nm",        "relative_error", "condition_number",
-             "base_parameters", "friction",    "friction_correlation", "left_out",       "lag",
-             "thermal",         "noise",       "physically_possible",  "distance_sigma", "chance",
-             "ranges",          "consistent",  "nearest_consistent"});
+  in.accept({"model",           "data",        "friction_law",         "estimator",         "signals",
+             "coupling",        "drive_gains", "torque_max_nm",        "relative_error",    "condition_number",
+             "base_parameters", "friction",    "friction_correlation", "left_out",          "lag",
+             "thermal",         "noise",       "physically_possible",  "distance_sigma",    "band",
+             "chance",          "ranges",      "consistent",           "nearest_consistent"});
   DynamicsFile out;
   out.law = or_wrong_input(dynamics_law(in.text("friction_law"), file.string() + ": friction_law"));
   auto parameters = in.mapping("base_parameters");
@@ -443,10 +462,8 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
       out.signals.lag_s.push_back(read_estimate(*lag, regressor.joint_name(j), {-largest_lag_s, largest_lag_s}));
     lag->done();
   }
-  if (auto noise = in.mapping("noise"))
-    for (Index j = 0; j < regressor.joints(); ++j)
-      out.noise.push_back(
-          noise->number_or(regressor.joint_name(j), std::numeric_limits<double>::quiet_NaN(), {0, 1e9}));
+  out.noise = read_per_joint(in, "noise", regressor);
+  out.band = read_per_joint(in, "band", regressor);
   if (auto largest = in.mapping("torque_max_nm"))
     for (Index j = 0; j < regressor.joints(); ++j)
       out.torque_max_nm.push_back(largest->number(regressor.joint_name(j), {1e-9, 1e9}));

@@ -43,13 +43,17 @@ void for_each(const JointMotion& motion, const MatrixXd& gear_load, Ranged what,
 Span widened(const Span& trained, Ranged what) {
   constexpr double share = 0.1, kelvins = 2;
   const double margin = std::max(share * (trained.high - trained.low), what == Ranged::temperature ? kelvins : 0.0);
-  return {trained.low - margin, trained.high + margin};
+  return {what == Ranged::load ? 0 : trained.low - margin, trained.high + margin};  // less load is no strain
+}
+
+/// Whether `beyond` and `in_training` ask for it.
+bool counts(const Span& trained, Ranged what, bool with_temperature) {
+  return trained.known() && (what != Ranged::temperature || with_temperature);
 }
 
 Beyond beyond_of(const Span& trained, const JointMotion& motion, const MatrixXd& gear_load, Ranged what, Index joint) {
   Beyond out{.what = what, .trained = trained};
-  Span inside = widened(trained, what);
-  if (what == Ranged::load) inside.low = 0;  // less load is no strain
+  const Span inside = widened(trained, what);
   double furthest = 0, outside = 0, all = 0;
   for_each(motion, gear_load, what, joint, [&](double x) {
     ++all;
@@ -82,10 +86,33 @@ std::vector<std::vector<Beyond>> beyond(const std::vector<JointRange>& trained, 
   for (std::size_t j = 0; j < trained.size(); ++j)
     for (std::size_t k = 0; k < ranged_infos.size(); ++k) {
       const auto what = static_cast<Ranged>(k);
-      if (!trained[j][k].known() || (what == Ranged::temperature && !with_temperature)) continue;
+      if (!counts(trained[j][k], what, with_temperature)) continue;
       out[j].push_back(beyond_of(trained[j][k], motion, gear_load, what, static_cast<Index>(j)));
     }
   return out;
+}
+
+Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> in_training(const std::vector<JointRange>& trained,
+                                                                const JointMotion& motion, const MatrixXd& gear_load,
+                                                                bool with_temperature) {
+  auto in = motion.moving;
+  if (trained.empty()) in.setConstant(false);
+  for (std::size_t j = 0; j < trained.size(); ++j)
+    for (std::size_t k = 0; k < ranged_infos.size(); ++k) {
+      const auto what = static_cast<Ranged>(k);
+      const auto joint = static_cast<Index>(j);
+      if (!counts(trained[j][k], what, with_temperature)) continue;
+      const Span inside = widened(trained[j][k], what);
+      for (Index i = 0; i < motion.size(); ++i) {
+        const double x = value_of(motion, gear_load, what, joint, i);
+        if (!(x < inside.low || x > inside.high)) continue;
+        if (of_all_joints(what))
+          in.col(i).setConstant(false);
+        else
+          in(joint, i) = false;
+      }
+    }
+  return in;
 }
 
 std::string beyond_training(const std::string& joint, bool slide, const std::vector<Beyond>& all) {

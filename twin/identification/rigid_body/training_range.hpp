@@ -49,6 +49,14 @@ struct Beyond {
 std::vector<std::vector<Beyond>> beyond(const std::vector<JointRange>& trained, const JointMotion& motion,
                                         const Eigen::MatrixXd& gear_load, bool with_temperature);
 
+/// Joints x samples: the joint moves, and no quantity of which `beyond` counts the share is outside in this sample:
+/// neither of its own nor position and acceleration of another joint. False throughout where nothing is known of the
+/// training.
+Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> in_training(const std::vector<JointRange>& trained,
+                                                                const JointMotion& motion,
+                                                                const Eigen::MatrixXd& gear_load,
+                                                                bool with_temperature);
+
 /// "joint elbow leaves the training: speed reaches 3.1 rad/s (-1.2 .. 1.4 in training; 12 % of samples outside)"; empty
 /// where it stays inside.
 std::string beyond_training(const std::string& joint, bool slide, const std::vector<Beyond>& all);

@@ -102,6 +102,7 @@ const ColumnQuantity quantity_table[] = {
     {"arm_position", "", {angle, length}, "behind the transmission"},
     {"arm_set_point", "", {angle, length}, "of the arm's position"},
     {"predicted", "", {torque, force}, "torque that a motion needs"},
+    {"band", "", {torque, force}, "half the width of the 95 % band of measured about predicted torque"},
     {"residual", "", {torque, force}, "measured - predicted torque"},
     {"moving", "", {}, "1 where the joint moves, 0 where it rests and friction does not follow from its motion"},
     {"force", "", {force}, "at the tool; the joint is its axis"},

@@ -234,8 +234,8 @@ TEST(HeldOut, IsPredictedByTheOtherFilesAlone) {
   const auto predicted = [&] {
     const auto motion = prepare(training, arm.regressor(), s.signals);
     const auto friction = friction_of(arm.model(), arm.regressor(), s, {}, *motion);
-    const auto fit =
-        fit_dynamics(arm.regressor(), arm.base(), *friction, *motion, {.robust = s.robust, .folds = 3, .threads = 1});
+    const auto fit = fit_dynamics(arm.regressor(), arm.base(), *friction, *motion,
+                                  {.robust = s.robust, .folds = 3, .trial = true, .threads = 1});
     EXPECT_TRUE(fit) << fit.error().message;
     const auto [first, last] = motion->segments[2];
     return MatrixXd(fit->held_out.middleCols(first, last - first));

@@ -173,7 +173,7 @@ TEST(Consistency, PredictsOtherMotionsNoWorse) {
   EXPECT_LT(of_real, of_free);
 }
 
-TEST(DynamicsFile, KeepsConsistentParametersAndRanges) {
+TEST(DynamicsFile, KeepsConsistentParametersRangesAndBands) {
   Arm arm;
   for (const double noise_nm : {0.01, 1.5}) {
     SCOPED_TRACE(noise_nm);
@@ -185,7 +185,10 @@ TEST(DynamicsFile, KeepsConsistentParametersAndRanges) {
     std::ofstream(file) << to_yaml(
         f.fit, arm.base(), coulomb_viscous(), arm.regressor(),
         nearest_consistent(arm.regressor(), arm.base(), f.fit.parameters.base, f.fit.information),
-        {.model = "arm.xml", .ranges = ranges_of(f.motion, load, false), .consistent = f.consistent});
+        {.model = "arm.xml",
+         .ranges = ranges_of(f.motion, load, false),
+         .band = Eigen::Vector2d(std::nan(""), 0.3),
+         .consistent = f.consistent});
     const auto read = read_dynamics(file, arm.regressor(), arm.base());
     ASSERT_TRUE(read) << read.error().message;
     ASSERT_TRUE(read->consistent);
@@ -194,6 +197,7 @@ TEST(DynamicsFile, KeepsConsistentParametersAndRanges) {
     EXPECT_EQ(read->consistent->parameters.base, f.consistent.parameters.base);
     EXPECT_EQ(read->consistent->parameters.friction, f.consistent.parameters.friction);
     EXPECT_EQ(read->parameters.base, f.fit.parameters.base);
+    EXPECT_THAT(read->band, testing::ElementsAre(testing::IsNan(), 0.3));
     const auto friction = read_friction(file);
     ASSERT_TRUE(friction) << friction.error().message;
     ASSERT_EQ(friction->size(), 2u);

@@ -70,6 +70,44 @@ TEST(TrainingRange, CountsTheShareOutside) {
   EXPECT_EQ(found[0][0].share, 0);
 }
 
+TEST(TrainingRange, CountsSamplesInTheTraining) {
+  const JointMotion trained = motion_of(1, 2, 10, 30), asked = motion_of(1, 3, 10, 30);
+  const auto ranges = ranges_of(trained, load_of(trained, 20), false);
+  const auto counts = [&](const JointMotion& m, double most_nm) {
+    return in_training(ranges, m, load_of(m, most_nm), false);
+  };
+  EXPECT_EQ(counts(trained, 20), trained.moving);
+  EXPECT_EQ(counts(trained, 1), trained.moving);  // less load is no strain
+  const auto in = counts(asked, 20);
+  for (Index i = 0; i < asked.size(); ++i)
+    ASSERT_EQ(in(0, i), asked.moving(0, i) && std::abs(asked.qd(0, i)) <= 2.4) << i;
+  EXPECT_FALSE(in_training({}, trained, load_of(trained, 20), false).any());
+}
+
+// Positions and accelerations act on all joints, speeds on their own.
+TEST(TrainingRange, OtherJointsLeaveItToo) {
+  const auto two = [](const JointMotion& first, const JointMotion& second) {
+    JointMotion m = first;
+    for (MatrixXd JointMotion::*all :
+         {&JointMotion::q, &JointMotion::qd, &JointMotion::qdd, &JointMotion::temperature_degC}) {
+      (m.*all).conservativeResize(2, Eigen::NoChange);
+      (m.*all).row(1) = (second.*all).row(0);
+    }
+    m.moving = first.moving.replicate(2, 1);
+    return m;
+  };
+  const JointMotion as_trained = motion_of(1, 2, 10, 30);
+  const JointMotion trained = two(as_trained, as_trained);
+  const MatrixXd load = MatrixXd::Constant(2, trained.size(), 5);
+  const auto ranges = ranges_of(trained, load, false);
+  const auto faster = in_training(ranges, two(as_trained, motion_of(1, 3, 10, 30)), load, false),
+             harder = in_training(ranges, two(as_trained, motion_of(1, 2, 15, 30)), load, false);
+  EXPECT_EQ(faster.row(0), trained.moving.row(0));
+  EXPECT_LT(faster.row(1).count(), trained.moving.row(1).count());
+  EXPECT_EQ(harder.row(0), harder.row(1));
+  EXPECT_LT(harder.row(0).count(), trained.moving.row(0).count());
+}
+
 TEST(TrainingRange, OfAJointAtRestHasNoSpeed) {
   JointMotion m = motion_of(1, 2, 10, 30);
   m.moving.setConstant(false);

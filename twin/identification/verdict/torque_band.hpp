@@ -1,0 +1,31 @@
+#pragma once
+
+#include <Eigen/Dense>
+
+#include <tribotwin/twin/identification/rigid_body/joint_motion.hpp>
+
+/// The 95 % band of recorded torques about predicted ones: predicted +- half_width, one width per joint. It is
+/// measured, not derived: that many samples of the training lie within it of what the fit of the other samples
+/// predicts. So it has the scatter of recorded torques (filtered as for the fit), what the model does not explain and
+/// the uncertainty of its parameters, and holds for motions within the training's ranges (in_training) and for torques
+/// that are filtered alike.
+namespace tribotwin::twin::identification {
+
+/// Parts of the training that are left out, one at a time (DynamicsOptions::folds).
+inline constexpr unsigned band_folds = 12;
+
+/// Half the width [Nm; N] per joint: the 95 % quantile of |recorded - held_out| over the samples in which it moves; NaN
+/// where it never does. `held_out`: DynamicsFit::held_out of this motion, joints x samples.
+Eigen::VectorXd band_of(const JointMotion& motion, const Eigen::MatrixXd& held_out);
+
+/// Of one joint's samples for which the band is made.
+struct InBand {
+  static constexpr double too_few = 0.9;  ///< inside: twice as many are outside as the band allows
+  Eigen::Index samples = 0, inside = 0;
+
+  /// NaN without samples.
+  double share() const { return static_cast<double>(inside) / static_cast<double>(samples); }
+  bool fails() const { return samples >= 20 && share() < too_few; }
+};
+
+}  // namespace tribotwin::twin::identification
