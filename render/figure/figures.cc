@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 #include <numeric>
 #include <random>
@@ -41,18 +42,17 @@ Series band_around(const Series& line, std::span<const double> half_width, bool 
   return band;
 }
 
-/// One band per stretch without a gap.
+/// One band per stretch in which both the line and its half width are known.
 void add_bands(Figure& f, const Series& line, std::span<const double> half_width) {
-  const auto gap = [](double y) { return std::isnan(y); };
-  bool first = true;
-  for (auto from = line.y.begin(); from != line.y.end(); first = false) {
-    from = std::find_if_not(from, line.y.end(), gap);
-    const auto to = std::find_if(from, line.y.end(), gap);
-    const std::ptrdiff_t begin = from - line.y.begin(), end = to - line.y.begin();
-    if (begin == end) return;
-    const Series stretch{.x = {line.x.begin() + begin, line.x.begin() + end}, .y = {from, to}, .stroke = line.stroke};
-    f.series.push_back(band_around(stretch, half_width.subspan(static_cast<std::size_t>(begin)), false, first));
-    from = to;
+  const auto known = [&](std::size_t i) { return i < line.y.size() && std::isfinite(line.y[i] + half_width[i]); };
+  for (std::size_t from = 0, to = 0; from < line.y.size(); from = to + 1) {
+    for (to = from; known(to);) ++to;
+    if (to < from + 2) continue;
+    const auto cut = [&](const std::vector<double>& v) {
+      return std::vector(v.begin() + static_cast<std::ptrdiff_t>(from), v.begin() + static_cast<std::ptrdiff_t>(to));
+    };
+    const Series stretch{.x = cut(line.x), .y = cut(line.y), .stroke = line.stroke};
+    f.series.push_back(band_around(stretch, half_width.subspan(from), false, f.series.empty()));
   }
 }
 
@@ -261,12 +261,14 @@ Figure history(const std::string& title, const Axis& quantity, std::span<const T
       if (std::isfinite(at)) span = std::max(span, std::abs(at));
   const TimeUnit unit = unit_of(span);
   Figure f{.title = title, .x = {.quantity = "time", .symbol = "{/:Italic t}", .unit = unit.name}, .y = quantity};
+  std::vector<Series> lines;
   for (const auto& t : traces) {
-    Series s{.mark = t.mark, .label = t.label, .x = t.time_s, .y = t.values, .stroke = t.stroke};
+    Series& s =
+        lines.emplace_back(Series{.mark = t.mark, .label = t.label, .x = t.time_s, .y = t.values, .stroke = t.stroke});
     for (double& x : s.x) x /= unit.seconds;
-    if (!t.half_width.empty()) add_bands(f, s, t.half_width);
-    f.series.push_back(std::move(s));
+    if (!t.half_width.empty()) add_bands(f, s, t.half_width);  // below all lines
   }
+  std::ranges::move(lines, std::back_inserter(f.series));
   return f;
 }
 

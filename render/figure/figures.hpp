@@ -61,7 +61,8 @@ struct Trace {
   std::vector<double> time_s, values;
   std::optional<std::size_t> stroke{};  ///< of theme::stroke; else counted up
   Mark mark = Mark::line;
-  std::vector<double> half_width{};  ///< of a band of 95 % around the values; none where empty
+  std::vector<double> half_width{};  ///< of a band of 95 % around the values, which then need a stroke; NaN: no band
+                                     ///< there; none where empty
 };
 /// Values against time, in seconds, minutes or hours by their span.
 Figure history(const std::string& title, const Axis& quantity, std::span<const Trace> traces);

@@ -20,23 +20,6 @@ using twin::identification::InBand;
 constexpr std::size_t excerpt_samples = 800;
 constexpr double seldom = 0.01;  // share of samples outside the training that needs no word
 
-/// Where the band holds: a closed outline for each stretch. `time_s`, `middle`, `half_width`: of equal length.
-std::vector<Trace> outlines_of(const std::vector<double>& time_s, const std::vector<double>& middle,
-                               const std::vector<double>& half_width) {
-  std::vector<Trace> out;
-  for (std::size_t first = 0, last = 0; first < half_width.size(); first = last + 1) {
-    for (last = first; last < half_width.size() && std::isfinite(middle[last] + half_width[last]);) ++last;
-    if (last < first + 2) continue;
-    Trace& outline = out.emplace_back(
-        Trace{.label = out.empty() ? "95 % band" : "", .time_s = {}, .values = {}, .stroke = 1, .mark = Mark::band});
-    for (std::size_t i = first; i < last; ++i)
-      outline.time_s.push_back(time_s[i]), outline.values.push_back(middle[i] + half_width[i]);
-    for (std::size_t i = last; i-- > first;)
-      outline.time_s.push_back(time_s[i]), outline.values.push_back(middle[i] - half_width[i]);
-  }
-  return out;
-}
-
 std::string number(double v) { return std::isnan(v) ? "–" : fmt::format("{:.4g}", v); }
 
 bool moves(const JointPrediction& joint) { return joint.lacking.empty() && !std::isnan(joint.rms); }
@@ -213,12 +196,14 @@ class Writer {
       return std::vector<double>(v.begin() + static_cast<std::ptrdiff_t>(first),
                                  v.begin() + static_cast<std::ptrdiff_t>(last));
     };
-    const std::vector<double> time_s = cut(j.time_s), predicted = cut(j.predicted);
-    std::vector<Trace> traces;
-    if (!j.band.empty()) traces = outlines_of(time_s, predicted, cut(j.band));
-    const bool with_band = !traces.empty();
-    traces.push_back({.label = "recorded", .time_s = time_s, .values = cut(j.recorded)});
-    traces.push_back({.label = "predicted", .time_s = time_s, .values = predicted});
+    const std::vector<double> time_s = cut(j.time_s);
+    const std::vector<Trace> traces{{.label = "recorded", .time_s = time_s, .values = cut(j.recorded), .stroke = 0},
+                                    {.label = "predicted",
+                                     .time_s = time_s,
+                                     .values = cut(j.predicted),
+                                     .stroke = 1,
+                                     .half_width = j.band.empty() ? std::vector<double>() : cut(j.band)}};
+    const bool with_band = std::ranges::any_of(traces[1].half_width, [](double h) { return std::isfinite(h); });
     return page_.show(
         to, history(j.name, {.quantity = "torque", .symbol = "τ", .unit = j.unit}, traces), "torque_" + j.name,
         fmt::format("{}: torque, recorded and, while the joint moves, predicted, from {:.6g} to {:.6g} s.{}", j.name,
