@@ -238,7 +238,7 @@ def tribotwin(*arguments, code=0):
 
 def rows(file):
     text = open(f"{work}/{file}").read().splitlines()
-    return text[0].split(","), np.array([[float(c) for c in line.split(",")] for line in text[1:]])
+    return text[0].split(","), np.array([[float(c or "nan") for c in line.split(",")] for line in text[1:]])
 
 
 def worked(name, seed, motion):

@@ -34,7 +34,7 @@ def write(name, text):
 def read(name):
     with open(path(name)) as f:
         names = f.readline().strip().split(",")
-        return dict(zip(names, np.loadtxt(f, delimiter=",").T))
+        return dict(zip(names, np.genfromtxt(f, delimiter=",").T))
 
 
 def numbers(parts, name=""):
