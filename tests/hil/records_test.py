@@ -358,7 +358,8 @@ r = answers(
     says=["joint3: no torque for 0.5 s"],
 )
 samples = [int(line.split()[1]) for line in r.stdout.splitlines()[2:]]
-check("is compared no more", samples[2] < samples[1] - 100 and samples[1] == samples[3], samples)
+# A session begins and ends within a cycle: some drives are heard once or twice more than others.
+check("is compared no more", samples[2] < samples[1] - 100 and abs(samples[1] - samples[3]) < 5, samples)
 answers("too few cycles for a prediction", 2, *shadow_of("short.log"), "--csv", "short.csv", says=["takes 0.24 s"])
 check("and no CSV without rows", not os.path.exists("short.csv"))
 answers("replay: all the same", 0, "replay", scenario, "session.log", "--fast", out=" 0 differ, 0 missing, 0 added")
