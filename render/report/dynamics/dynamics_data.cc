@@ -178,6 +178,11 @@ Result<DynamicsData> load_dynamics(const fs::path& file) try {
   if (!friction) return tl::unexpected(friction.error());
   out.files.push_back(*parameters);
   out.friction = std::move(*friction);
+  // In the order of the robot, which the parameters have and JSON has not; joints without friction are last.
+  std::ranges::stable_sort(out.joints, {}, [&](const JointPrediction& joint) {
+    return std::ranges::find(out.friction, joint.name, &twin::identification::FrictionEstimates::joint) -
+           out.friction.begin();
+  });
   for (auto& joint : out.friction) name_units(joint, out.joints);
   return out;
 } catch (const twin::InputError& e) {

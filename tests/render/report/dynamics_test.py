@@ -189,6 +189,15 @@ check(
     r,
 )
 
+# Joints in the order of the robot, not of the alphabet.
+result = predicted("tuesday.csv")
+result["joints"]["arm"] = {"lacking": "torque not recorded", "unit": "Nm"}
+with open(path("predicted.json"), "w") as f:
+    json.dump(result, f)
+run(report, "dynamics", "predicted.json", "-o", "order.html")
+page = content("order.html")
+check("joints are in the order of the parameters", 0 < page.index(">hinge<") < page.index(">arm<"))
+
 # A torque by position that the law does not have.
 result = predicted("ripple.csv")
 p = result["joints"]["hinge"]
