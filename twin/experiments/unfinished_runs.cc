@@ -12,6 +12,7 @@
 #include <tribotwin/twin/experiments/unfinished_runs.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/file.hpp>
+#include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/fingerprint.hpp>
@@ -142,6 +143,9 @@ void UnfinishedRuns::clear(const fs::path& folder) {
       unfinished.push_back(entry.path());
   }
   for (const fs::path& file : unfinished) fs::remove_all(file, error);
+  // The file of a lock that nobody holds: released, it is gone.
+  FolderLock left;
+  if (fs::exists(folder / "run.lock", error)) static_cast<void>(left.take(folder));
 }
 
 Result<void> UnfinishedRuns::keep(const std::string& run, const std::string& report) {

@@ -155,6 +155,7 @@ for name, changed in (("uncounted", False), ("uncounted_changed", True)):
     lines = content(name + "/.unfinished/checksums").splitlines(True)
     write(name + "/.unfinished/checksums", "".join(line for line in lines if not line.endswith(" 20\n")))
     os.remove(path(name, ".unfinished", "reports", "20"))
+    write(name + "/20/run.lock", "")  # nobody holds it any more
     if changed:
         write(name + "/20/summary.json", content(name + "/20/summary.json") + " ")
     r = run("-o", name)
