@@ -23,11 +23,12 @@ struct Size {
 inline constexpr int side_min = 16, side_max = 8192;
 
 struct Quality {
-  int samples = 4;        ///< multisampling
-  int supersampling = 2;  ///< pixels drawn per pixel of the picture, each way: 1..4
+  int samples = 4;                           ///< multisampling
+  int supersampling = 2;                     ///< pixels drawn per pixel of the picture, each way: 1..4
+  int slices_max = 1000, stacks_max = 1000;  ///< of cylinders, spheres and the like, which are drawn with facets
 };
-/// Of pictures that a page or a film shows smaller, or for a moment: a quarter of the time.
-inline constexpr Quality plain_quality{.samples = 4, .supersampling = 1};
+/// Of pictures that a page or a film shows smaller, or for a moment: an eighth of the time.
+inline constexpr Quality plain_quality{.samples = 4, .supersampling = 1, .slices_max = 40, .stacks_max = 12};
 
 /// Where the eye is: a camera of the model by name, or free. Without a name: the camera "overview" if there is one and
 /// no value of a free view is given; else free, with the model's angles and, where neither distance nor point is given,

@@ -67,7 +67,7 @@ int main() {  // long: both sides share the model, the size and the file
   };
   const auto ours = [&](int frames) {
     return seconds([&] {
-      auto renderer = must(render::Renderer::create(m.get(), size, {.samples = 4, .supersampling = 1}));
+      auto renderer = must(render::Renderer::create(m.get(), size, render::plain_quality));
       const mujoco::DataPtr d(mj_makeData(m.get()));
       std::FILE* file = std::fopen(raw.c_str(), "wb");
       for (int i = 0; i < frames; ++i) {
