@@ -49,7 +49,7 @@ void write(YAML::Emitter& out, const ThermalUncertainty& u) {
   out << YAML::EndMap;
 }
 
-ThermalUncertainty read_uncertainty(Mapping& in, Index numbers) {
+ThermalUncertainty read_uncertainty(Mapping& in, Eigen::Index numbers) {
   in.accept({"covariance", "sigmas", "noise", "surroundings", "slower"});
   const auto part = [](Mapping& of, const char* key) {
     auto inner = of.mapping(key);
