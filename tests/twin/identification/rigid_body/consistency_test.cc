@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
-#include <tribotwin/tests/twin/identification/multisine.hpp>
+#include <tribotwin/tests/twin/identification/swing_recording.hpp>
 #include <tribotwin/twin/identification/rigid_body/consistency.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
@@ -41,22 +41,14 @@ class Arm {
   const RobotFriction& friction() const { return friction_; }
 
   RobotRecording recording(unsigned seed, double noise_nm, double length_s = 10) {
-    std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;
-    constexpr double rate_hz = 100;
-    const auto samples = static_cast<Index>(length_s * rate_hz);
-    RobotRecording r{.file = fmt::format("{}.csv", seed)};
-    r.position.resize(2, samples), r.torque.resize(2, samples);
-    const Multisine swing(2, random);
-    for (Index i = 0; i < samples; ++i) {
-      r.time_s.push_back(static_cast<double>(i) / rate_hz);
-      const auto [q, qd, qdd] = swing.at(r.time_s.back());
-      const VectorXd rigid = regressor_.at(q, qd, qdd) * regressor_.model_parameters();
+    return swing_recording(seed, 2, static_cast<Index>(length_s * 100), [&](const auto& state, auto& random) {
+      const auto& [q, qd, qdd] = state;
+      VectorXd torque = regressor_.at(q, qd, qdd) * regressor_.model_parameters();
       for (Index j = 0; j < 2; ++j)
-        r.torque(j, i) = rigid(j) + std::copysign(2.0, qd(j)) + qd(j) + noise_nm * normal(random);
-      r.position.col(i) = q;
-    }
-    return r;
+        torque(j) = torque(j) + std::copysign(2.0, qd(j)) + qd(j) + noise_nm * normal(random);
+      return torque;
+    });
   }
 
   Fitted fitted(const RobotRecording& recording, const DynamicsOptions& options = {}) const {

@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
-#include <tribotwin/tests/twin/identification/multisine.hpp>
+#include <tribotwin/tests/twin/identification/swing_recording.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
 #include <tribotwin/twin/robot/coupling/coupling.hpp>
 
@@ -54,16 +54,9 @@ class CoupledWrist : public Wrist {
   Regressor coupled = plain;
 
   RobotRecording recording(unsigned seed, double stribeck_nm = 0, double per_load = 0) {
-    std::mt19937_64 random(seed);
     std::normal_distribution<double> noise(0, 0.02);
-    constexpr Index samples = 1500;
-    constexpr double rate_hz = 100;
-    RobotRecording r{.file = fmt::format("{}.csv", seed)};
-    r.position.resize(3, samples), r.torque.resize(3, samples);
-    const Multisine swing(3, random);
-    for (Index i = 0; i < samples; ++i) {
-      r.time_s.push_back(static_cast<double>(i) / rate_hz);
-      const auto [q, qd, qdd] = swing.at(r.time_s.back());
+    return swing_recording(seed, 3, 1500, [&](const auto& state, auto& random) {
+      const auto& [q, qd, qdd] = state;
       const VectorXd rigid = coupled.at(q, qd, qdd) * coupled.model_parameters();
       VectorXd torque = rigid;
       for (Index rotor = 0; rotor < 4; ++rotor) {
@@ -73,10 +66,9 @@ class CoupledWrist : public Wrist {
                              per_load * std::abs(coupled.load(rotor, rigid, qdd));
         for (Index j = 0; j < 3; ++j) torque(j) += coupled.turns(rotor, j) * std::copysign(level, v);
       }
-      for (Index j = 0; j < 3; ++j) r.torque(j, i) = torque(j) + noise(random);
-      r.position.col(i) = q;
-    }
-    return r;
+      for (Index j = 0; j < 3; ++j) torque(j) += noise(random);
+      return torque;
+    });
   }
 };
 

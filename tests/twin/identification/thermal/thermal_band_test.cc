@@ -4,10 +4,10 @@
 #include <fstream>
 #include <random>
 
-#include "simulated_day.hpp"
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <tribotwin/tests/twin/identification/thermal/simulated_day.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_band.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_chain_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>

@@ -2,10 +2,10 @@
 #include <map>
 #include <random>
 
-#include "simulated_day.hpp"
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <tribotwin/tests/twin/identification/thermal/simulated_day.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_fit.hpp>
 
 namespace tribotwin::twin::identification {

@@ -5,7 +5,7 @@
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
-#include <tribotwin/tests/twin/identification/multisine.hpp>
+#include <tribotwin/tests/twin/identification/swing_recording.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 #include <tribotwin/twin/identification/rigid_body/training_range.hpp>
 #include <tribotwin/twin/identification/verdict/torque_band.hpp>
@@ -28,24 +28,16 @@ struct Case {
 class Arm {
  public:
   RobotRecording recording(unsigned seed, const Case& c) {
-    std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;
     std::uniform_real_distribution<double> uniform;
-    constexpr double rate_hz = 100;
-    const auto samples = static_cast<Index>(c.length_s * rate_hz);
-    RobotRecording r{.file = std::to_string(seed) + ".csv"};
-    r.position.resize(2, samples), r.torque.resize(2, samples);
-    const Multisine swing(2, random);
-    for (Index i = 0; i < samples; ++i) {
-      r.time_s.push_back(static_cast<double>(i) / rate_hz);
-      const auto [q, qd, qdd] = swing.at(r.time_s.back());
-      const VectorXd rigid = regressor_.at(q, qd, qdd) * regressor_.model_parameters();
+    return swing_recording(seed, 2, static_cast<Index>(c.length_s * 100), [&](const auto& state, auto& random) {
+      const auto& [q, qd, qdd] = state;
+      VectorXd torque = regressor_.at(q, qd, qdd) * regressor_.model_parameters();
       for (Index j = 0; j < 2; ++j)
-        r.torque(j, i) = rigid(j) + std::copysign(2.0, qd(j)) + qd(j) + c.ripple_nm * std::sin(9 * q(j)) +
-                         (uniform(random) < c.outliers ? 10 : 1) * c.noise_nm * normal(random);
-      r.position.col(i) = q;
-    }
-    return r;
+        torque(j) = torque(j) + std::copysign(2.0, qd(j)) + qd(j) + c.ripple_nm * std::sin(9 * q(j)) +
+                    (uniform(random) < c.outliers ? 10 : 1) * c.noise_nm * normal(random);
+      return torque;
+    });
   }
 
   /// Of both joints and twenty pairs of motions: the samples of the second in the training, and those within the band
