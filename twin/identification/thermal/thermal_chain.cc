@@ -3,7 +3,6 @@
 #include <limits>
 #include <set>
 #include <type_traits>
-#include <utility>
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
@@ -318,31 +317,26 @@ MatrixXd covariance_in_file_order(const ThermalChain& chain, const MatrixXd& cov
   return scale.asDiagonal() * MatrixXd(covariance(place, place)) * scale.asDiagonal();
 }
 
-/// The rule of identifiability for exchange, then JOINT.gain, JOINT.t, JOINT.T_amb. `covariance`: of log t_j, log k,
-/// gains and A, whose correlations are those of the parameters.
+/// The rule of identifiability for exchange, then JOINT.gain, JOINT.t, JOINT.T_amb, of which `covariance` is.
 std::vector<Lacking> judged(const ThermalChainFit& fit, std::span<const JointHeat> joints, const MatrixXd& covariance) {
-  const auto n = static_cast<Index>(joints.size());
   std::vector<Estimate> all{fit.exchange};
-  std::vector<Index> place{n};
-  Evidence evidence{.parameters = {}, .covariance = {}, .scale = {0}};
-  for (Index j = 0; j < n; ++j) {
-    const JointHeat& joint = joints[static_cast<std::size_t>(j)];
+  Evidence evidence{.parameters = {}, .covariance = covariance, .scale = {0}};
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    const JointHeat& joint = joints[j];
     double low = std::numeric_limits<double>::infinity(), high = -low;
     for (const auto& s : joint.sessions) {
       const auto [least, most] = std::ranges::minmax(s.temperature_degC);
       low = std::min(low, least), high = std::max(high, most);
       evidence.recorded_s = std::max(evidence.recorded_s, s.time_s.back() - s.time_s.front());
     }
-    for (Estimate e : fit.parameters[static_cast<std::size_t>(j)]) {
+    for (Estimate e : fit.parameters[j]) {
       e.name = joint.name + "." + e.name;
       all.push_back(std::move(e));
     }
-    place.insert(place.end(), {n + 1 + j, j, 2 * n + 1 + j});
     evidence.scale.insert(evidence.scale.end(), {0, 0, high - low});
     evidence.time_constants.push_back({joint.name + ".t", {}});
   }
   evidence.parameters = all;
-  evidence.covariance = covariance(place, place);
   return lacking(evidence, thermal_advice(evidence.recorded_s));
 }
 
@@ -392,14 +386,14 @@ Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints, Cha
          possible ? estimate("T_amb", "degC", ambient, covariance(first + n + j, first + n + j), quantile)
                   : without_sigma("T_amb", "degC", ambient, Status::at_bound)});
   }
-  MatrixXd in_file_order = covariance_in_file_order(fit.chain, covariance);
+  const MatrixXd in_file_order = covariance_in_file_order(fit.chain, covariance);
   if (can_be_propagated(in_file_order, numbers_of(fit.chain)))
-    fit.uncertainty = {.covariance = std::move(in_file_order),
+    fit.uncertainty = {.covariance = in_file_order,
                        .sigmas = quantile,
                        .noise = {.white = fit.rms_K},
                        .surroundings = {.days = files_of(joints.front().sessions)},
                        .slower = {}};
-  fit.lacking = judged(fit, joints, covariance);
+  fit.lacking = judged(fit, joints, in_file_order);
   fit.unidentifiable = withheld(fit.lacking);
   return fit;
 }

@@ -27,12 +27,6 @@ std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& 
   return "# A chain of joints that warm each other, by tribotwin thermal --chain\n" + std::string(out.c_str()) + "\n";
 }
 
-Result<bool> is_thermal_chain(const std::filesystem::path& file) try {
-  return static_cast<bool>(load_yaml(file)["chain"]);
-} catch (const InputError& e) {
-  return tl::unexpected(Error(e.what()));
-}
-
 Result<KnownThermalChain> read_thermal_chain(const std::filesystem::path& file) try {
   Mapping in(file.string(), "", load_yaml(file));
   in.accept({"data", "rms_K", "unidentifiable", "exchange", "winding", "chain", "uncertainty"});

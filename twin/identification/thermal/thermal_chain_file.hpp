@@ -13,9 +13,6 @@ namespace tribotwin::twin::identification {
 
 std::string to_yaml(const ThermalChainFit& fit, const std::vector<std::string>& data);
 
-/// Whether a YAML file has the key `chain`. ErrorKind::input where it is no YAML.
-Result<bool> is_thermal_chain(const std::filesystem::path& file);
-
 struct KnownThermalChain {
   ThermalChain chain;
   std::optional<ThermalUncertainty> uncertainty = {};  ///< none of files of earlier versions

@@ -127,9 +127,8 @@ void compare(PredictedSession& with, const std::vector<double>& recorded) {
 Result<ThermalParameters> read_thermal_parameters(const std::filesystem::path& file) try {
   const YAML::Node root = load_yaml(file);
   Mapping in(file.string(), "", root);
-  ThermalParameters out;
-  const bool chain = static_cast<bool>(root["chain"]);
-  if (chain) {
+  ThermalParameters out{.chain = static_cast<bool>(root["chain"])};
+  if (out.chain) {
     const auto known = read_thermal_chain(file);
     if (!known) return tl::unexpected(known.error());
     if (known->uncertainty) out.surroundings = known->uncertainty->surroundings;
@@ -155,9 +154,7 @@ Result<std::vector<std::vector<PredictedSession>>> predict_temperatures(const st
   const auto known = read_thermal_parameters(parameters);
   if (!known) return tl::unexpected(known.error());
   const std::vector<bool> seen = of_the_fit(recordings.files, known->data, parameters);
-  const auto chain = is_thermal_chain(parameters);
-  if (!chain) return tl::unexpected(chain.error());
-  auto all = *chain ? of_chain(parameters, recordings, seen) : of_joints(parameters, recordings, seen);
+  auto all = known->chain ? of_chain(parameters, recordings, seen) : of_joints(parameters, recordings, seen);
   if (!all) return all;
   for (std::size_t k = 0; k < all->size(); ++k)
     for (std::size_t s = 0; s < (*all)[k].size(); ++s)

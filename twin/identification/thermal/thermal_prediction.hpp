@@ -14,6 +14,7 @@
 namespace tribotwin::twin::identification {
 
 struct ThermalParameters {
+  bool chain = false;             ///< joints that warm each other
   std::vector<std::string> data;  ///< the recordings they are from, as named then
   struct Row {
     std::string joint;         ///< "all": of a whole chain
