@@ -27,7 +27,7 @@ struct Quality {
   int supersampling = 2;                     ///< pixels drawn per pixel of the picture, each way: 1..4
   int slices_max = 1000, stacks_max = 1000;  ///< of cylinders, spheres and the like, which are drawn with facets
 };
-/// Of pictures that a page or a film shows smaller, or for a moment: an eighth of the time.
+/// Of pictures that a page or a film shows smaller, or for a moment: less than a quarter of the time.
 inline constexpr Quality plain_quality{.samples = 4, .supersampling = 1, .slices_max = 40, .stacks_max = 12};
 
 /// Where the eye is: a camera of the model by name, or free. Without a name: the camera "overview" if there is one and

@@ -181,9 +181,8 @@ class Writer {
     page_.add(
         page_.body(), "p",
         "Of samples in which the joint moves. 95 % band: 95 % of the torques of the training were that near to what "
-        "the "
-        "rest of the training predicts. In the band: the share of the torques of these recordings, where the motion is "
-        "within the training's range. Unexplained: error over the standard deviation of the torque.",
+        "the rest of the training predicts. In the band: the share of the torques of these recordings, where the "
+        "motion is within the training's range. Unexplained: error over the standard deviation of the torque.",
         "soft");
   }
 

@@ -216,8 +216,7 @@ class Writer {
         "The band, the widest of each stretch in the table, holds 95 % of the recorded temperatures of many days, far "
         "fewer or all of a single one. It counts the parameters, bodies too slow for the record, noise, how the first "
         "temperature is spread in the joint, and on days that the models have not seen surroundings that vary by "
-        "{:.2g} "
-        "K (standard deviation, from {}).",
+        "{:.2g} K (standard deviation, from {}).",
         u->deviation_K,
         u->days > 1 ? fmt::format("the {} days of the models and {:g} supposed ones with {:g} K", u->days,
                                   Surroundings::supposed_days, Surroundings::supposed_K)
