@@ -33,6 +33,7 @@ check("boot: identities are those of the EDS", not wrong, wrong)
 left = {(i, s): v for i, s, v in concise(drives[0].part, drives[0].eds)}  # the last value of each
 stored = {k: master.read_object(drives[0], *k) for k in left}
 check("the drive holds what was written", stored == left, {"%04X:%d" % k: v for k, v in stored.items() if v != left[k]})
+master.be_patient()
 check("every TPDO comes with every SYNC", master.turn(5))
 check("joint states are those of the scenario", near(positions(), start_rad, 1e-4), positions())
 
