@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <tribotwin/hil/can/clock.hpp>
 #include <tribotwin/hil/faults/faulty_bus.hpp>
@@ -14,7 +15,7 @@ FaultyBus::FaultyBus(Transport& bus, std::vector<Fault> faults, std::uint64_t se
       faults_(std::move(faults)),
       random_(seed),
       time_s_(std::move(time_s)),
-      applied_(faults_.size()) {}
+      told_(faults_.size()) {}
 
 double FaultyBus::now_s() const {
   const double simulated_s = time_s_();
@@ -23,19 +24,32 @@ double FaultyBus::now_s() const {
                       : simulated_s - simulated_s_;
   simulated_s_ = simulated_s;
   asked_ns_ = ns;
-  was_cut_ =
-      std::ranges::any_of(faults_, [&](const Fault& f) { return target_of(f.kind) == FaultTarget::link && due(f); });
+  if (line_s_ >= holds_until_s_) look();
   return line_s_;
 }
 
-bool FaultyBus::due(const Fault& f) const { return line_s_ >= f.from_s && line_s_ < f.to_s; }
+void FaultyBus::look() const {
+  due_.clear();
+  was_cut_ = false;
+  news_ = true;
+  holds_until_s_ = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < faults_.size(); ++i) {
+    const Fault& f = faults_[i];
+    if (is_due(f)) {
+      due_.push_back(i);
+      was_cut_ |= target_of(f.kind) == FaultTarget::link;
+    }
+    for (const double change_s : {f.from_s, f.to_s})
+      if (change_s > line_s_) holds_until_s_ = std::min(holds_until_s_, change_s);
+  }
+}
 
-bool FaultyBus::active(const Fault& f, const Frame* frame) const {
-  now_s();
-  if (!due(f)) return false;
+bool FaultyBus::is_due(const Fault& f) const { return line_s_ >= f.from_s && line_s_ < f.to_s; }
+
+bool FaultyBus::hits(const Fault& f, const Frame& frame) {
   // Node numbers are the low seven bits of every identifier that has one.
-  if (frame && f.node != 0 && (frame->id < 0x81 || static_cast<int>(frame->id & 0x7f) != f.node)) return false;
-  return !frame || f.kind == K::silence || std::uniform_real_distribution<double>()(random_) < f.probability;
+  if (f.node != 0 && (frame.id < 0x81 || static_cast<int>(frame.id & 0x7f) != f.node)) return false;
+  return f.kind == K::silence || std::uniform_real_distribution<double>()(random_) < f.probability;
 }
 
 bool FaultyBus::cut() const {
@@ -46,8 +60,10 @@ bool FaultyBus::cut() const {
 void FaultyBus::pass(const Frame& given, std::deque<Frame>& out) {
   Frame frame = given;
   int copies = 1;
-  for (const Fault& f : faults_) {
-    if (target_of(f.kind) != FaultTarget::frames || !active(f, &frame)) continue;
+  now_s();
+  for (const std::size_t i : due_) {
+    const Fault& f = faults_[i];
+    if (target_of(f.kind) != FaultTarget::frames || !hits(f, frame)) continue;
     if (f.kind == K::drop || f.kind == K::silence) return;
     if (f.kind == K::delay)
       return later_.push_back({clock_ns() + std::llround(1e9 * f.delay_s), frame, &out != &ready_});
@@ -114,13 +130,8 @@ std::string FaultyBus::state() const {
 
 bool FaultyBus::is_full() {
   constexpr std::size_t most = 64;
-  const double now = now_s();
-  for (std::size_t i = faults_.size(); i-- > 0;) {
-    if (now < faults_[i].to_s || applied_[i]) continue;
-    faults_.erase(faults_.begin() + static_cast<std::ptrdiff_t>(i));
-    applied_.erase(applied_.begin() + static_cast<std::ptrdiff_t>(i));
-  }
-  return faults_.size() >= most;
+  now_s();
+  return due_.size() >= most;
 }
 
 void FaultyBus::inject(Fault fault) {
@@ -128,19 +139,35 @@ void FaultyBus::inject(Fault fault) {
   fault.to_s = now + (fault.to_s - fault.from_s);
   fault.from_s = now;
   faults_.push_back(fault);
-  applied_.push_back(false);
+  told_.push_back(false);
+  look();
+}
+
+void FaultyBus::forget() {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < faults_.size(); ++i) {
+    if (line_s_ >= faults_[i].to_s && !told_[i]) continue;
+    faults_[kept] = faults_[i];
+    told_[kept++] = told_[i];
+  }
+  faults_.resize(kept);
+  told_.resize(kept);
+  look();
 }
 
 std::vector<DriveFault> FaultyBus::changed(int first_node) {
+  now_s();
+  if (!news_) return {};
   std::vector<DriveFault> changes;
   for (std::size_t i = 0; i < faults_.size(); ++i) {
     const Fault& f = faults_[i];
-    if (target_of(f.kind) != FaultTarget::drive) continue;
-    const bool on = active(f, nullptr);
-    if (on == applied_[i]) continue;
-    applied_[i] = on;
+    const bool on = target_of(f.kind) == FaultTarget::drive && is_due(f);
+    if (on == told_[i]) continue;
+    told_[i] = on;
     changes.push_back({f.kind, static_cast<std::size_t>(f.node - first_node), on, on ? f.temperature_degC : 0});
   }
+  forget();
+  news_ = false;
   return changes;
 }
 

@@ -34,8 +34,12 @@ class FaultyBus final : public Transport, public Pollable {
  private:
   /// Time of the faults: simulated; while the bus is cut, and no SYNC can advance the simulation, the wall clock's.
   double now_s() const;
-  bool due(const Fault& fault) const;
-  bool active(const Fault& fault, const Frame* frame) const;
+  /// Which faults are due, and until when: a list may have thousands, and every frame asks.
+  void look() const;
+  bool is_due(const Fault& fault) const;
+  bool hits(const Fault& fault, const Frame& frame);
+  /// Takes what is over from the list.
+  void forget();
   /// Applies the faults to a frame: none, one or two frames now; a delayed one later.
   void pass(const Frame& frame, std::deque<Frame>& out);
   bool cut() const;
@@ -47,14 +51,17 @@ class FaultyBus final : public Transport, public Pollable {
 
   Transport& bus_;
   std::vector<Fault> faults_;
-  mutable std::mt19937_64 random_;
+  std::mt19937_64 random_;
   std::function<double()> time_s_;
   mutable double line_s_ = 0, simulated_s_ = 0;
   mutable std::int64_t asked_ns_ = 0;
   mutable bool was_cut_ = false;
+  mutable std::vector<std::size_t> due_;  ///< places in faults_
+  mutable double holds_until_s_ = 0;      ///< due_ is right before this time of the faults
+  mutable bool news_ = true;              ///< due_ is not what was told by `changed`
   std::deque<Frame> ready_;
   std::deque<Later> later_;
-  std::vector<bool> applied_;
+  std::vector<bool> told_;  ///< of each fault: that it has begun
 };
 
 }  // namespace tribotwin::hil

@@ -50,9 +50,9 @@ std::string command_of(const std::string& frame) {
   return command + " >";
 }
 
-/// Reads until `word` has come; false after 100 ms.
-bool hear(int server, std::string& heard, const std::string& word) {
-  const auto end = Clock::now() + 100ms;
+/// Reads until `word` has come; false after `patience`.
+bool hear(int server, std::string& heard, const std::string& word, std::chrono::milliseconds patience = 100ms) {
+  const auto end = Clock::now() + patience;
   for (;;) {
     if (const auto at = heard.find(word); at != heard.npos) {
       heard.erase(0, at + word.size());
@@ -76,7 +76,7 @@ int main(int argc, char** argv) {
   const std::string out = command_of(argv[2]), in = std::string("< frame ") + argv[3] + " ";
   const int count = std::atoi(argv[4]), pause_us = std::atoi(argv[5]);
   std::string heard;
-  if (!hear(server, heard, "< hi >")) fail("no greeting");
+  if (!hear(server, heard, "< hi >", 5s)) fail("no greeting");
   say(server, "< open can0 >");
   if (!hear(server, heard, "< ok >")) fail("not opened");
   say(server, "< rawmode >");

@@ -1,3 +1,5 @@
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 #include <tribotwin/hil/faults/faulty_bus.hpp>
@@ -8,9 +10,10 @@ namespace {
 
 struct Bus {
   double time_s = 0;
+  int asked = 0;
   std::unique_ptr<Transport> ours = open_bus("memory:faulty_bus").value(),
                              theirs = open_bus("memory:faulty_bus").value();
-  FaultyBus bus{*ours, {}, 1, [this] { return time_s; }};
+  FaultyBus bus{*ours, {}, 1, [this] { return ++asked, time_s; }};
   /// How many of these frames the other end gets.
   int passed(int frames, std::uint32_t id) {
     Frame frame;
@@ -56,6 +59,22 @@ TEST(FaultyBus, TakesOnlySoManyAtOnce) {
   EXPECT_TRUE(b.bus.is_full());
   b.time_s = 3;
   EXPECT_FALSE(b.bus.is_full());
+}
+
+// A list of an hour's faults made the drives so slow that the bus stood still.
+TEST(FaultyBus, AFrameDoesNotAskTheTimeOncePerFaultOfALongList) {
+  Bus b;
+  std::vector<Fault> list(2000, silent_node_3);
+  for (std::size_t i = 0; i < list.size(); ++i) list[i].from_s = 10.0 * i, list[i].to_s = list[i].from_s + 2;
+  FaultyBus bus(*b.ours, list, 1, [&b] { return ++b.asked, b.time_s; });
+  for (const double t : {1., 5., 101., 105., 19991., 19995., 19999.}) {
+    b.time_s = t, b.asked = 0;
+    EXPECT_EQ(bus.send({.id = 0x183}), Sent::done);
+    EXPECT_LE(b.asked, 3);
+    Frame frame;
+    EXPECT_EQ(b.theirs->receive(frame), std::fmod(t, 10) > 2) << t;
+    EXPECT_FALSE(bus.is_full());
+  }
 }
 
 Fault read(const char* yaml, const Wiring& wiring = {}) {
