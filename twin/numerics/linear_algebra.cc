@@ -90,10 +90,12 @@ ShortestSolution::ShortestSolution(const MatrixXd& A) : factors_(A) {}
 VectorXd ShortestSolution::operator()(const VectorXd& b) const { return factors_.solve(b); }
 MatrixXd ShortestSolution::pseudo_inverse() const { return factors_.pseudoInverse(); }
 
+VectorXd singular_values(const MatrixXd& A) { return Eigen::JacobiSVD<MatrixXd>(A).singularValues(); }
+
 double scaled_condition_number(const MatrixXd& R) {
   const VectorXd length = R.colwise().norm();
   if (R.cols() == 0 || length.minCoeff() == 0) return std::numeric_limits<double>::infinity();
-  const VectorXd s = Eigen::JacobiSVD<MatrixXd>(R * length.cwiseInverse().asDiagonal()).singularValues();
+  const VectorXd s = singular_values(R * length.cwiseInverse().asDiagonal());
   return s(0) / s(s.size() - 1);
 }
 

@@ -59,6 +59,8 @@ class ShortestSolution {
   Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> factors_;
 };
 
+/// Falling; as many as the shorter side of A.
+Eigen::VectorXd singular_values(const Eigen::MatrixXd& A);
 /// Ratio of the largest to the smallest singular value of R once its columns have unit length; infinite where one is 0.
 double scaled_condition_number(const Eigen::MatrixXd& R);
 
