@@ -80,8 +80,9 @@ std::string friction_text(double nm) { return nm < 1e-6 ? "0" : fmt::format("{:.
 
 std::string table_of(const Summary& s) {
   constexpr auto right = TextTable::right;
-  const auto steps = static_cast<double>(std::max<std::int64_t>(1, s.steps_computed));
-  const double computed_s = s.simulated_s * steps / static_cast<double>(std::max<std::int64_t>(1, s.steps));
+  const auto percent = [&s](double seconds) {
+    return fmt::format("{:.3g}", 100 * seconds / std::max(s.simulated_s, 1e-9));
+  };
   TextTable table{{TextTable::left("joint"), right("start [degC]"), right("end [degC]"), right("max [degC]"),
                    right("friction rms"), right("max"), TextTable::left(), right("load max [-]"),
                    right("outside law [%]"), right("stuck [%]")}};
@@ -89,8 +90,7 @@ std::string table_of(const Summary& s) {
     table.add({j.name, fmt::format("{:.2f}", j.temperature_degC.start), fmt::format("{:.2f}", j.temperature_degC.end),
                fmt::format("{:.2f}", j.temperature_degC.max), friction_text(j.friction_nm.rms),
                friction_text(j.friction_nm.max), unit_of("Nm", j.slide), fmt::format("{:.3f}", j.load_max_norm),
-               fmt::format("{:.3g}", 100 * static_cast<double>(j.clamped_samples) / steps),
-               fmt::format("{:.3g}", 100 * j.stuck_s / std::max(computed_s, 1e-9))});
+               percent(j.outside_s), percent(j.stuck_s)});
   return table.text();
 }
 

@@ -36,8 +36,8 @@ void for_drives(const Examined& e, const Each& each) {
   for (std::size_t i = 0; i < drives.size(); ++i) each(i, drives[i], joint_name(e.scenario.model->get(), drives[i]));
 }
 
-double share_of(const Examined& e, std::int64_t steps) {
-  return static_cast<double>(steps) / static_cast<double>(std::max<std::int64_t>(1, e.twin->steps_computed()));
+double share_of(const Examined& e, double steps) {
+  return steps / static_cast<double>(std::max<std::int64_t>(1, e.twin->steps()));
 }
 
 void starting(const Examined& e, Findings& found) {
@@ -152,7 +152,7 @@ void tracking(const Examined& e, Findings& found) {
     const auto [low, high] = e.scenario.motion->reach_rad(i);
     const JointWatch& w = e.twin->watch().joints()[i];
     const std::string unit = angle_unit(e.scenario.model->get(), b);
-    const double rms = std::sqrt(share_of(e, 1) * w.error_squared_sum);
+    const double rms = std::sqrt(share_of(e, w.error_squared_sum));
     const std::string of = high > low ? fmt::format("a motion of {:.3g} {} peak to peak", high - low, unit)
                                       : std::string("a joint that is to stand still");
     found.push_back({.joint = joint,
@@ -298,7 +298,7 @@ std::string outside_text(const drive::Drive& drive, const JointWatch& w) {
 
 void law_range(const Examined& e, Findings& found) {
   for_drives(e, [&](std::size_t i, const mujoco::Binding& b, const std::string& joint) {
-    const double share = e.twin->drive(i).steps_outside * share_of(e, 1);
+    const double share = share_of(e, e.twin->drive(i).steps_outside);
     const bool extrapolates = b.drive.law.validity == friction::Validity::extrapolate;
     found.push_back(
         {.joint = joint,

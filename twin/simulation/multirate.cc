@@ -5,11 +5,10 @@
 
 namespace tribotwin::twin {
 
-CycleStart::CycleStart(const Twin& twin) {
+CycleStart::CycleStart(const Twin& twin) : sums(twin.sums()) {
   for (std::size_t i = 0; i < twin.model().drives().size(); ++i) {
     rise.push_back(twin.state(i).rise);
     heat_J.push_back(twin.drive(i).heat_J);
-    friction_squared_sum.push_back(twin.figures(i).friction_squared_sum);
   }
 }
 
@@ -22,9 +21,10 @@ double CycleExtrapolation::keep(std::size_t drive, std::size_t node) const {
 
 CycleMap CycleExtrapolation::map(const Twin& twin, const CycleStart& before) const {
   CycleMap map;
+  map.sums = twin.sums();
+  for (std::size_t i = 0; i < before.sums.size(); ++i) map.sums[i] -= before.sums[i];
   for (std::size_t i = 0; i < before.rise.size(); ++i) {
     map.heat_J.push_back(twin.drive(i).heat_J - before.heat_J[i]);
-    map.friction_squared_sum.push_back(twin.figures(i).friction_squared_sum - before.friction_squared_sum[i]);
     auto& input = map.input.emplace_back();
     for (std::size_t n = 0; n < 2; ++n) input[n] = twin.state(i).rise.node_K[n] - keep(i, n) * before.rise[i].node_K[n];
   }

@@ -10,21 +10,22 @@
 /// Multi-rate simulation. One work cycle, computed in full, is an affine map of each thermal node: rise' = keep rise +
 /// input, where `input` depends on the temperature only slowly. Cycles ahead follow from that map in closed form until
 /// they would leave the tolerance. Then the next cycle is computed in full, and the skipped cycles between are
-/// corrected with the interpolated input (trapezoid). Heat and squared friction of a skipped cycle are interpolated and
-/// added likewise, so that sums over a run do not depend on which cycles were computed.
+/// corrected with the interpolated input (trapezoid). Heat and what else adds up in a skipped cycle are
+/// interpolated likewise, so that sums and shares over a run do not depend on which cycles were computed.
 namespace tribotwin::twin {
 
 struct CycleMap {
   std::vector<std::array<double, 2>> input;  ///< per drive and thermal node [K]
   std::vector<double> heat_J;                ///< per drive
-  std::vector<double> friction_squared_sum;  ///< per drive, over the cycle's steps
+  std::vector<double> sums;                  ///< Twin::sums over the cycle's steps
 };
 
-/// What a twin has summed up so far, per drive.
+/// What a twin has summed up so far.
 struct CycleStart {
   explicit CycleStart(const Twin& twin);
   std::vector<thermal::Rise> rise;
-  std::vector<double> heat_J, friction_squared_sum;
+  std::vector<double> heat_J;  ///< per drive
+  std::vector<double> sums;
 };
 
 class CycleExtrapolation {

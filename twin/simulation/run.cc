@@ -264,16 +264,16 @@ class Runner : RunningTwin {
       skipped.start.push_back(twin_.state(i).rise);
       skipped.predicted.push_back(extrapolation_.ahead(i, skipped.start[i], map, map, count, 1, {}));
     }
-    const std::vector<double> later(drives_);  // correct() books them
-    twin_.skip(count * cycle_, skipped.predicted, later, later);
+    twin_.skip(count * cycle_, skipped.predicted);
     return skipped;
   }
 
-  /// Corrects the rises, now that the cycle after the skipped ones is computed, and books the heat.
+  /// Corrects the rises, now that the cycle after the skipped ones is computed, and books what adds up.
   void correct(Skipped& skipped, const CycleMap& map, const CycleMap& next) {
     const std::int64_t count = skipped.count;
     std::vector<thermal::Rise> corrected(drives_);
-    std::vector<double> heat_J(drives_), squares(drives_);
+    const auto in_all = [&](double from, double to) { return 0.5 * static_cast<double>(count) * (from + to); };
+    std::vector<double> heat_J(drives_), sums = next.sums;
     for (std::size_t i = 0; i < drives_; ++i) {
       auto& path = skipped.path.emplace_back(static_cast<std::size_t>(count), skipped.start[i]);
       const thermal::Rise end = extrapolation_.ahead(
@@ -287,12 +287,11 @@ class Runner : RunningTwin {
         correction += shift;
       }
       largest_correction_K_ = std::max(largest_correction_K_, std::abs(correction));
-      for (std::int64_t c = 1; c <= count; ++c) {
-        heat_J[i] += between(map.heat_J[i], next.heat_J[i], c, count);
-        squares[i] += between(map.friction_squared_sum[i], next.friction_squared_sum[i], c, count);
-      }
+      heat_J[i] = in_all(map.heat_J[i], next.heat_J[i]);
     }
-    twin_.skip(0, corrected, heat_J, squares);
+    for (std::size_t i = 0; i < sums.size(); ++i) sums[i] = in_all(i < map.sums.size() ? map.sums[i] : 0, sums[i]);
+    twin_.skip(0, corrected);
+    twin_.add(heat_J, sums);
     skipped_cycles_ += count;
   }
 

@@ -55,7 +55,8 @@ Summary summarize(const Twin& twin, double wall_s, double record_bytes) {
                                                   static_cast<double>(std::max<std::int64_t>(1, twin.steps()))),
                                         f.friction_max_nm},
                         .load_max_norm = f.load_max_norm,
-                        .clamped_samples = static_cast<std::int64_t>(d.steps_outside),
+                        .clamped_samples = std::llround(d.steps_outside),
+                        .outside_s = d.steps_outside * twin.model().get()->opt.timestep,
                         .stuck_s = d.stuck_s,
                         .slide = is_slide(twin.model().get(), drives[i])});
   }
@@ -121,6 +122,7 @@ std::string summary_json(const Summary& s) {
          {"friction_nm", {{"rms", j.friction_nm.rms}, {"max", j.friction_nm.max}}},
          {"load_norm", {{"max", j.load_max_norm}}},
          {"clamped_samples", j.clamped_samples},
+         {"outside_s", j.outside_s},
          {"stuck_s", j.stuck_s}});
     if (const auto& w = j.winding)
       json["joints"].back()["winding"] = {

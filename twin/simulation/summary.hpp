@@ -25,9 +25,10 @@ struct JointSummary {
     double rms, max;
   } friction_nm;  ///< [Nm; N of a slide]
   double load_max_norm;
-  std::int64_t clamped_samples;
-  double stuck_s;
-  bool slide;  ///< its friction and load are forces
+  std::int64_t clamped_samples;  ///< steps outside the range of the law, skipped ones included
+  double outside_s;              ///< the same as time
+  double stuck_s;                ///< held by friction, in skipped cycles too
+  bool slide;                    ///< its friction and load are forces
 };
 
 struct Comparison {

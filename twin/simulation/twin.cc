@@ -310,21 +310,37 @@ Result<Status> Twin::step() {
   return status_;
 }
 
-void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J,
-                std::span<const double> friction_squared_sum) {
+void Twin::skip(std::int64_t steps, std::span<const thermal::Rise> rise) {
   const auto drives = model_->drives();
   for (std::size_t i = 0; i < drives.size(); ++i) {
     mujoco::state(data_.get(), drives[i]).rise = rise[i];
-    drive::Workspace& s = mujoco::workspace(data_.get(), drives[i]);
-    s.heat_J += heat_J[i];
-    s.friction_work_J += heat_J[i];
-    figures_[i].friction_squared_sum += friction_squared_sum[i];
-    motor_work_J_ += heat_J[i];  // over a cycle that returns to its start, motor work equals friction work
     figures_[i].temperature_max_degC = std::max(figures_[i].temperature_max_degC, temperature_degC(i));
   }
   steps_ += steps;
   data_->time = time_s();
   set_faults();
+}
+
+std::vector<double> Twin::sums() const {
+  std::vector<double> sums;
+  for (std::size_t i = 0; i < figures_.size(); ++i)
+    sums.insert(sums.end(), {figures_[i].friction_squared_sum, drive(i).steps_outside, drive(i).stuck_s});
+  watch_.append_sums(sums);
+  return sums;
+}
+
+void Twin::add(std::span<const double> heat_J, std::span<const double> sums) {
+  const double* sum = sums.data();
+  for (std::size_t i = 0; i < figures_.size(); ++i) {
+    drive::Workspace& s = mujoco::workspace(data_.get(), model_->drives()[i]);
+    s.heat_J += heat_J[i];
+    s.friction_work_J += heat_J[i];
+    motor_work_J_ += heat_J[i];  // over a cycle that returns to its start, motor work equals friction work
+    figures_[i].friction_squared_sum += *sum++;
+    s.steps_outside += *sum++;
+    s.stuck_s += *sum++;
+  }
+  watch_.add_sums(sums.subspan(static_cast<std::size_t>(sum - sums.data())));
 }
 
 double Twin::mark() {

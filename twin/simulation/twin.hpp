@@ -111,11 +111,14 @@ class Twin {
   double growth_horizon_s() const;
   /// Time of the next event that changes something [s]; infinite when there is none.
   double next_event_s() const;
-  /// Advances simulated time by `steps` time steps without computing them. The drives receive the given heat [J] and
-  /// sum of squared friction, and reach the given temperature rise; the mechanical state stays. For motions that
-  /// repeat.
-  void skip(std::int64_t steps, std::span<const thermal::Rise> rise, std::span<const double> heat_J,
-            std::span<const double> friction_squared_sum);
+  /// Advances simulated time by `steps` time steps without computing them. The drives reach the given temperature rise;
+  /// the mechanical state stays. For motions that repeat.
+  void skip(std::int64_t steps, std::span<const thermal::Rise> rise);
+  /// What adds up over a run beside heat, as numbers: squared friction, time held by friction, and what the health
+  /// check counts. Later vectors may be longer; what is new was 0.
+  std::vector<double> sums() const;
+  /// Adds the heat of each drive [J], and sums as above, of steps that were skipped.
+  void add(std::span<const double> heat_J, std::span<const double> sums);
 
  private:
   void set_start_state();

@@ -136,6 +136,25 @@ void Watch::count(int geom1, int geom2, std::int64_t step) {
   if (touched_.size() < pairs_named) touched_.push_back({geom1, geom2, 1, step});
 }
 
+template <class Self, class Each>
+void Watch::each_sum(Self& self, Each each) {
+  for (auto& j : self.joints_)
+    for (auto* count :
+         {&j.saturated, &j.beyond_range, &j.too_fast, &j.overloaded, &j.too_cold, &j.too_hot, &j.error_squared_sum})
+      each(*count);
+  each(self.touched_steps_);
+  for (auto& pair : self.touched_) each(pair.steps);
+}
+
+void Watch::append_sums(std::vector<double>& sums) const {
+  each_sum(*this, [&](double count) { sums.push_back(count); });
+}
+
+void Watch::add_sums(std::span<const double> sums) {
+  const double* next = sums.data();
+  each_sum(*this, [&](double& count) { count += *next++; });
+}
+
 void Watch::state(StateNumbers& s) {
   for (JointWatch& j : joints_) {
     s(j.saturated), s(j.beyond_range), s(j.too_fast), s(j.overloaded), s(j.too_cold), s(j.too_hot);

@@ -13,18 +13,19 @@ namespace tribotwin::twin {
 
 class Twin;
 
-/// One joint since the start of the run, in computed steps.
+/// One joint since the start of the run, in steps, skipped ones included.
 struct JointWatch {
-  std::int64_t saturated = 0;     ///< the control lay at or beyond a torque limit
-  std::int64_t beyond_range = 0;  ///< the joint was past an end of its range
-  std::int64_t too_fast = 0, overloaded = 0, too_cold = 0, too_hot = 0;  ///< outside the range of the law
+  double saturated = 0;                                            ///< the control lay at or beyond a torque limit
+  double beyond_range = 0;                                         ///< the joint was past an end of its range
+  double too_fast = 0, overloaded = 0, too_cold = 0, too_hot = 0;  ///< outside the range of the law
   double error_squared_sum = 0, error_max = 0;  ///< position against its set point [rad^2, rad; m of a slide]
 };
 
 /// Two geoms that touched although the robot should touch neither itself nor its surroundings.
 struct TouchedGeoms {
   int geom1, geom2;
-  std::int64_t steps, last_step;
+  double steps;  ///< skipped ones included
+  std::int64_t last_step;
 };
 
 /// The torque range of a drive's control, in the control's own unit: ctrlrange, forcerange, the joint's
@@ -49,7 +50,11 @@ class Watch {
   std::span<const JointWatch> joints() const { return joints_; }
   /// The first pairs that touched; `touched_steps` has those of all.
   std::span<const TouchedGeoms> touched() const { return touched_; }
-  std::int64_t touched_steps() const { return touched_steps_; }
+  double touched_steps() const { return touched_steps_; }
+  /// Appends all counts but the largest error; those of pairs last, because their number grows.
+  void append_sums(std::vector<double>& sums) const;
+  /// Adds what was counted in skipped steps; `sums` as appended.
+  void add_sums(std::span<const double> sums);
   /// The counts.
   void state(StateNumbers& s);
 
@@ -64,6 +69,8 @@ class Watch {
   enum class Part : char { none, fixed, free };
 
   void add_contacts(const Twin& twin);
+  template <class Self, class Each>
+  static void each_sum(Self& self, Each each);
   bool unwanted(int geom1, int geom2) const;
   void count(int geom1, int geom2, std::int64_t step);
 
@@ -74,7 +81,7 @@ class Watch {
   std::vector<Part> parts_;    ///< per body
   std::vector<int> moved_by_;  ///< per body, the nearest body above it, or itself, that a drive moves
   std::vector<TouchedGeoms> touched_;
-  std::int64_t touched_steps_ = 0;
+  double touched_steps_ = 0;
 };
 
 }  // namespace tribotwin::twin

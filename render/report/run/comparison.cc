@@ -91,10 +91,11 @@ void add_results(IllustratedPage& page, const Runs& runs) {
     return number(r.summary, {"comparison", "mae_mrad"});
   });
   add_table(page, head, rows);
-  page.add(page.body(), "p",
-           fmt::format("Simulations have no noise: a difference above {:g} %, which multi-rate runs may leave, is one.",
-                       100 * resolved_share),
-           "soft");
+  page.add(
+      page.body(), "p",
+      fmt::format("Simulations have no noise: what is above {:g} %, which multi-rate runs may leave, is a difference.",
+                  100 * resolved_share),
+      "soft");
 }
 
 void add_differing_keys(IllustratedPage& page, const Runs& runs) {

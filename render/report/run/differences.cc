@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <set>
 
@@ -67,6 +68,18 @@ Keys keys_of(const RunData& run) {
   return keys;
 }
 
+/// Mean friction power over the samples of a joint; NaN without any.
+double mean_power_w(const RunData& run, const std::string& joint) {
+  const auto j = std::ranges::find(run.joints, joint, &JointHistory::name);
+  if (j == run.joints.end()) return std::numeric_limits<double>::quiet_NaN();
+  double sum = 0, count = 0;
+  for (std::size_t i = 0; i < std::min(j->friction_nm.size(), j->velocity_rad_s.size()); ++i) {
+    const double power = std::abs(j->friction_nm[i] * j->velocity_rad_s[i]);
+    if (std::isfinite(power)) sum += power, ++count;
+  }
+  return sum / count;
+}
+
 }  // namespace
 
 std::vector<DifferingKey> differing_keys(std::span<const std::unique_ptr<RunData>> runs) {
@@ -99,14 +112,18 @@ std::vector<FrictionChange> friction_changes(std::span<const std::unique_ptr<Run
       if (other == others.end() || (history != runs[r]->joints.end() && !history->moved)) continue;
       if (!(joint.friction_rms_nm > 0) || !std::isfinite(other->friction_rms_nm)) continue;
       const bool slide = history != runs[r]->joints.end() && history->slide;
-      changes.push_back({joint.name, r, joint.friction_rms_nm, other->friction_rms_nm, slide ? "N" : "Nm"});
+      changes.push_back({joint.name, r, joint.friction_rms_nm, other->friction_rms_nm, slide ? "N" : "Nm",
+                         mean_power_w(*runs[r], joint.name) - mean_power_w(*runs.front(), joint.name)});
     }
   }
   return changes;
 }
 
 const FrictionChange* largest(const std::vector<FrictionChange>& changes) {
-  const auto magnitude = [](const FrictionChange& c) { return std::abs(c.share()); };
+  const bool power = std::ranges::all_of(changes, [](const auto& c) { return std::isfinite(c.power_change_w); });
+  const auto magnitude = [power](const FrictionChange& c) {
+    return std::abs(power ? c.power_change_w : c.other - c.first);
+  };
   const auto at = std::ranges::max_element(changes, {}, magnitude);
   return at == changes.end() ? nullptr : &*at;
 }

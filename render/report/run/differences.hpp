@@ -25,11 +25,13 @@ struct FrictionChange {
   std::size_t run;  ///< the other one
   double first, other;
   std::string unit;
+  double power_change_w;  ///< of the mean friction power; NaN where a run has no samples
   double share() const { return other / first - 1; }
 };
 /// Of each joint that moved in both, run by run.
 std::vector<FrictionChange> friction_changes(std::span<const std::unique_ptr<RunData>> runs);
-/// The largest by its magnitude in percent.
+/// The one that changes friction power most: a joint that hardly moves may have many times the friction and cost
+/// nothing. By friction where power is not known; nullptr where there is none.
 const FrictionChange* largest(const std::vector<FrictionChange>& changes);
 
 /// What the multi-rate simulation may leave of a difference; a difference within it is none. Measured against the full

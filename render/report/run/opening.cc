@@ -107,7 +107,7 @@ std::vector<Tile> tiles_of(const RunData& run, const std::vector<JointSummary>& 
   if (tiles.size() < 4) add_load(tiles, joints);
   const double rate = number(run.summary, {"realtime_factor"}), simulated = simulated_s(run);
   tiles.push_back({"simulated", simulated > 7200 ? fmt::format("{:.2f} h", simulated / 3600) : duration(simulated),
-                   std::isfinite(rate) ? fmt::format("{:.0f} x real time", rate) : ""});
+                   std::isfinite(rate) ? fmt::format("{:.0f} × real time", rate) : ""});
   return tiles;
 }
 
@@ -243,7 +243,7 @@ Opening opening_of(const Runs& runs, const ReportOptions& options) {
                           100 * watched_share),
       .tiles = tiles_of(runs, most),
       .action = keys.empty() ? "look at models and engines: the scenarios are the same."
-                             : fmt::format("judge the change by what was changed: {}.", list_of(keys)),
+                             : fmt::format("see whether what was changed explains it: {}.", list_of(keys)),
       .identity = identity_of_run(*runs.all.front(), options)};
   if (most && std::abs(most->share()) > watched_share) o.light = Light::amber;
   for (const auto& run : runs.all)

@@ -168,23 +168,18 @@ class Section {
 
   void joint_table() {
     page_.add(to_, "h3", "Joints");
-    const double steps = number(run_.summary, {"steps_computed"}), computed_time_s = computed_s(run_);
     const std::string unit = force_unit(run_.joints, [](const JointHistory&) { return true; });
     std::vector<std::vector<std::string>> rows;
     for (const auto& j : joints_)
       rows.push_back({j.name, shown(j.start_degC, "{:.1f}"), shown(j.end_degC, "{:.1f}"), shown(j.max_degC, "{:.1f}"),
                       friction(j, j.friction_rms_nm), friction(j, j.friction_max_nm), shown(j.load_max, "{:.3f}"),
-                      shown(100 * j.clamped_samples / steps, "{:.3g}"),
-                      shown(100 * j.stuck_s / computed_time_s, "{:.3g}")});
+                      shown(100 * j.outside_share, "{:.3g}"), shown(100 * j.stuck_share, "{:.3g}")});
     page_.add_table(
         to_,
         {"joint", "start [°C]", "end [°C]", "maximum [°C]", fmt::format("friction RMS [{}]", unit),
-         fmt::format("friction max [{}]", unit), "load max [-]", "outside [% of steps]", "stuck [% of time]"},
+         fmt::format("friction max [{}]", unit), "load max [-]", "outside [% of time]", "stuck [% of time]"},
         rows);
-    page_.add(
-        to_, "p",
-        "Outside: of the range of its law. Stuck: held by friction. Both are shares of the steps that were computed.",
-        "soft");
+    page_.add(to_, "p", "Outside: of the range of its law. Stuck: held by friction.", "soft");
     std::string still;
     for (const auto& j : run_.joints)
       if (!j.moved) still += (still.empty() ? "" : ", ") + j.name;

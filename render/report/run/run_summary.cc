@@ -58,13 +58,31 @@ std::string shown(double v, const char* format) {
   return std::isfinite(v) ? fmt::format(fmt::runtime(format), v) : "–";
 }
 
+namespace {
+
+/// Older summaries counted in the steps that were computed alone, of which multi-rate runs have few.
+bool counts_all_time(const json& joint) { return joint.contains("outside_s"); }
+
+double outside_share(const RunData& run, const json& joint) {
+  return counts_all_time(joint) ? number(joint, {"outside_s"}) / number(run.summary, {"simulated_s"})
+                                : number(joint, {"clamped_samples"}) / number(run.summary, {"steps_computed"});
+}
+
+double stuck_share(const RunData& run, const json& joint) {
+  const double of_all = number(joint, {"stuck_s"}) / number(run.summary, {"simulated_s"});
+  return counts_all_time(joint) ? of_all
+                                : of_all * number(run.summary, {"steps"}) / number(run.summary, {"steps_computed"});
+}
+
+}  // namespace
+
 std::vector<JointSummary> joint_summaries(const RunData& run) {
   std::vector<JointSummary> all;
   for (const auto& j : entries(run, "joints"))
     all.push_back({text(j, "name"), number(j, {"temperature_degC", "start"}), number(j, {"temperature_degC", "end"}),
                    number(j, {"temperature_degC", "max"}), number(j, {"friction_nm", "rms"}),
-                   number(j, {"friction_nm", "max"}), number(j, {"load_norm", "max"}), number(j, {"clamped_samples"}),
-                   number(j, {"stuck_s"})});
+                   number(j, {"friction_nm", "max"}), number(j, {"load_norm", "max"}), outside_share(run, j),
+                   stuck_share(run, j)});
   if (all.empty())
     for (const auto& j : run.joints) all.push_back(from_samples(run, j));
   return all;
@@ -87,11 +105,6 @@ const JointSummary* most_warmed(const RunData& run, const std::vector<JointSumma
     if (moved && std::isfinite(rise_K) && rise_K > rise_max_K) rise_max_K = rise_K, best = &j;
   }
   return best;
-}
-
-double computed_s(const RunData& run) {
-  return number(run.summary, {"simulated_s"}) * number(run.summary, {"steps_computed"}) /
-         number(run.summary, {"steps"});
 }
 
 double simulated_s(const RunData& run) {

@@ -20,7 +20,8 @@ std::string shown(double value, const char* format);
 /// A joint over a run; NaN where it is not known. Friction is the magnitude, arm side.
 struct JointSummary {
   std::string name;
-  double start_degC, end_degC, max_degC, friction_rms_nm, friction_max_nm, load_max, clamped_samples, stuck_s;
+  double start_degC, end_degC, max_degC, friction_rms_nm, friction_max_nm, load_max;
+  double outside_share, stuck_share;  ///< of time: outside the range of the law, held by friction
 };
 
 /// From the summary or, where it has none, from the samples.
@@ -29,8 +30,6 @@ std::vector<JointSummary> joint_summaries(const RunData& run);
 const JointSummary* warmest(const std::vector<JointSummary>& joints);
 /// The joint that warmed most, by more than 1 K, of those that moved; nullptr where none did.
 const JointSummary* most_warmed(const RunData& run, const std::vector<JointSummary>& joints);
-/// Time that was computed step by step [s]; NaN without a summary.
-double computed_s(const RunData& run);
 /// NaN where neither the summary nor the samples say so.
 double simulated_s(const RunData& run);
 

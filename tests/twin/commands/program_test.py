@@ -45,7 +45,7 @@ for key in (
     "warnings",
 ):
     check("summary has " + key, key in summary)
-for key in ("name", "temperature_degC", "friction_nm", "load_norm", "clamped_samples", "stuck_s"):
+for key in ("name", "temperature_degC", "friction_nm", "load_norm", "clamped_samples", "outside_s", "stuck_s"):
     check("joint summary has " + key, key in summary["joints"][0])
 with h5py.File(work + "/run/telemetry.h5") as f:
     joints = [k for k in f if isinstance(f[k], h5py.Group)]

@@ -81,6 +81,10 @@ TEST(MultiRate, FollowsTheFullRunAtEveryCycle) {
   const auto rms = [](const auto& s, std::size_t joint) { return s->joints[joint].friction_nm.rms; };
   EXPECT_NEAR(rms(fast, 1), rms(full, 1), 2e-3 * rms(full, 1));
   EXPECT_NEAR(rms(fast, 2), rms(full, 2), 1e-2 * rms(full, 2));
+  for (const std::size_t joint : {1, 2}) {
+    EXPECT_NEAR(fast->joints[joint].outside_s, full->joints[joint].outside_s, 5e-3 * duration_s) << joint;
+    EXPECT_NEAR(fast->joints[joint].stuck_s, full->joints[joint].stuck_s, 5e-3 * duration_s) << joint;
+  }
   RecordProperty("worst_temperature_error_K", std::to_string(worst_T));
   RecordProperty("worst_power_error", std::to_string(worst_P));
   std::printf("worst temperature error %.4f K, worst power error %.4f %%\n", worst_T, 100 * worst_P);
