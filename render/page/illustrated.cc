@@ -28,9 +28,12 @@ FigureSize size_of(const Figure& figure) {
 
 }  // namespace
 
-std::vector<std::string> identity_of(const ReportOptions& o, const std::string& subject) {
+std::vector<std::string> identity_of(const ReportOptions& o, const std::string& subject, const std::string& measured) {
   return {o.robot.empty() ? subject : o.robot, o.serial_number.empty() ? "" : "serial number " + o.serial_number,
-          o.date.empty() ? "" : "data of " + o.date, o.software, o.engine};
+          !measured.empty() ? "data of " + measured
+          : !o.date.empty() ? "newest file written " + o.date
+                            : "",
+          o.software, o.engine};
 }
 
 Result<void> IllustratedPage::keep(const std::string& name, std::string bytes, const char* ending) {

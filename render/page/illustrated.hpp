@@ -18,7 +18,7 @@ struct ReportOptions {
   std::string software{};                ///< "tribotwin 0.1.0", which makes the page
   std::string engine{};                  ///< "MuJoCo 2.2.2", which it is linked with
   std::string robot{}, serial_number{};  ///< of what the page is about, as the user calls it; may be empty
-  std::string date{};                    ///< of the newest file that is read: "2026-11-25"
+  std::string date{};                    ///< when the newest file that is read was written: "2026-11-25"
 };
 
 struct File {
@@ -31,8 +31,10 @@ struct Report {
   std::vector<std::string> notes;  ///< what could not be shown, for stderr; the page says so too
 };
 
-/// What identifies a page of measured data; `subject` where the user names no robot.
-std::vector<std::string> identity_of(const ReportOptions& options, const std::string& subject);
+/// What identifies a page of measured data; `subject` where the user names no robot. `measured`: the date of the newest
+/// data, where they have one.
+std::vector<std::string> identity_of(const ReportOptions& options, const std::string& subject,
+                                     const std::string& measured = "");
 
 /// A page with figures, each of which may also become a file.
 /// Green: nothing to do. Amber: read what is said before figures are used. Red: act first.

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/report/diagnosis_report.hpp>
+#include <tribotwin/render/report/diagnosis_words.hpp>
 #include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/fit_data.hpp>
 #include <tribotwin/twin/diagnosis/healthy_file.hpp>
@@ -109,28 +110,33 @@ std::optional<double> day_of(const std::string& name) {
 
 std::string date_text(double day) { return twin::date_of(std::llround(day) * std::llround(day_s)); }
 
-/// The days of observations, in the order given; nothing, and why, where they have none or go back.
-std::vector<double> days_of(DiagnosisData& d) {
+std::string name_of(const Observation& o) { return std::filesystem::path(o.file).filename().string(); }
+
+/// The days of observations, in the order given; nothing where one has none.
+std::vector<double> days_of(const std::vector<Observation>& observations) {
   std::vector<double> days;
-  for (const auto& o : d.checked)
-    if (const auto day = day_of(std::filesystem::path(o.file).filename().string())) days.push_back(*day);
-  if (days.size() != d.checked.size()) return {};
-  if (std::ranges::is_sorted(days)) return days;
-  d.missing.push_back(
-      "The files are not in the order of the dates in their names: there is no trend over dates, and changes add up in "
-      "the order given.");
-  return {};
+  for (const auto& o : observations)
+    if (const auto day = day_of(name_of(o))) days.push_back(*day);
+  if (days.size() != observations.size()) days.clear();
+  return days;
 }
 
-std::string severity_text(const Pattern& p, double severity) {
-  if (p.unit == "1") return fmt::format("{:.2g} %", 100 * severity);
-  if (p.unit == "of torque_max") return fmt::format("{:.2g} % of the maximum torque", 100 * severity);
-  return fmt::format("{:.2g} {}", severity, p.unit);
+/// Over the days; without one where there are none or only one, and, with the reason, where they go back.
+void add_trend(DiagnosisData& d) {
+  d.days = days_of(d.checked);
+  if (!std::ranges::is_sorted(d.days)) {
+    d.missing.push_back(
+        "The files are not in the order of the dates in their names: there is no trend over dates, and changes add up "
+        "in the order given.");
+    return;
+  }
+  if (d.days.empty() || d.days.front() == d.days.back()) return;
+  std::vector<double> since;
+  for (const double day : d.days) since.push_back(day - d.days.front());
+  d.trend = margin(d.healthy, d.checked, since);
 }
 
-constexpr std::array<std::string_view, feature_count> in_words{"Coulomb friction Fc", "standstill friction Fs",
-                                                               "speed Vs, below which friction rises",
-                                                               "viscous friction Fv", "its exponent beta"};
+std::string percent(double share) { return fmt::format("{:.1f}", 100 * share); }
 
 class Writer {
  public:
@@ -161,51 +167,52 @@ class Writer {
   std::string verdict() const {
     const auto& last = d_.verdicts.back();
     if (anomalous() == 0)
-      return d_.verdicts.size() == 1
-                 ? std::string("The observation is that of a healthy joint.")
-                 : fmt::format("All {} observations are those of a healthy joint.", d_.verdicts.size());
+      return d_.verdicts.size() == 1 ? std::string("The curve is that of a healthy joint.")
+                                     : fmt::format("All {} curves are those of a healthy joint.", d_.verdicts.size());
     std::string now = ", but the latest is.";
     if (last.anomalous && last.cause)
-      now = fmt::format("; the latest looks like {}, {} (confidence {}).", last.cause->meaning,
-                        severity_text(*last.cause, last.severity), probability_text(last.confidence));
+      now = fmt::format("; the latest looks like {}.", cause_text(last));
     else if (last.anomalous)
-      now = "; the latest looks like no cause that is known.";
-    return fmt::format("{} of {} observations are not those of a healthy joint{}", anomalous(), d_.verdicts.size(),
-                       now);
+      now = "; no known cause changes friction like the latest.";
+    return fmt::format("{} of {} curves are not those of a healthy joint{}", anomalous(), d_.verdicts.size(), now);
   }
 
   Opening opening() const {
     const auto& last = d_.verdicts.back();
     const bool now = last.anomalous, before = anomalous() > 0;
-    Opening o{
-        .verdict = verdict(),
-        .light = now      ? Light::red
-                 : before ? Light::amber
-                          : Light::green,
-        .rule = "red when the latest observation is not that of a healthy joint, amber when an earlier one is not.",
-        .tiles = {},
-        .action = last.cause ? std::string(last.cause->advice) + "."
-                  : now      ? "measure again, cold and hot: the cause is not known."
-                             : "nothing; measure again at the next date.",
-        .identity = identity_of(options_, h_.joint)};
-    o.tiles.push_back({"anomalous", fmt::format("{} of {}", anomalous(), d_.verdicts.size()), "observations",
-                       before ? "bad" : "good"});
+    Opening o{.verdict = verdict(),
+              .light = now      ? Light::red
+                       : before ? Light::amber
+                                : Light::green,
+              .rule = "red when the latest curve is not that of a healthy joint, amber when an earlier one is not.",
+              .tiles = {},
+              .action = last.cause ? std::string(last.cause->advice) + "."
+                        : now      ? "measure again, cold and hot: the cause is not known."
+                                   : "nothing; measure again at the next date.",
+              .identity = identity_of(options_, h_.joint, d_.days.empty() ? "" : date_text(std::ranges::max(d_.days)))};
+    o.tiles.push_back(
+        {"anomalous", fmt::format("{} of {}", anomalous(), d_.verdicts.size()), "curves", before ? "bad" : "good"});
     add_friction(o.tiles);
-    o.tiles.push_back({"equivalent load, latest", fmt::format("{:.3f} ± {:.3f}", last.load.load_norm, last.load.sigma),
-                       "of the maximum torque, one sigma"});
-    if (const auto& m = d_.watch.margin)
-      o.tiles.push_back({m->load_norm.value > 0 ? "left to the wear threshold" : "beyond the wear threshold",
-                         fmt::format("{:.3f}", std::abs(m->load_norm.value)), margin_interval(*m)});
-    else
-      o.tiles.push_back({"wear threshold", fmt::format("{:.3f}", last.load.threshold), "in equivalent load"});
+    o.tiles.push_back(
+        {"equivalent load, latest", fmt::format("{} ± {} %", percent(last.load.load_norm), percent(last.load.sigma)),
+         fmt::format("of the maximum torque{}, one sigma: the extra load that would raise friction as much",
+                     h_.torque_max_nm > 0 ? " (" + load_text(h_, last.load.load_norm) + ")" : "")});
+    o.tiles.push_back(margin_tile());
     return o;
   }
 
-  /// Of what is left to the wear threshold, or of how far it is exceeded.
-  static std::string margin_interval(const Margin& m) {
-    const auto& left = m.load_norm;
+  bool follows_line() const { return d_.trend && d_.trend->straight; }
+
+  /// What is left to the wear threshold, or how far it is exceeded: by the trend where there is a straight one.
+  Tile margin_tile() const {
+    const EquivalentLoad& last = d_.verdicts.back().load;
+    const Interval left = follows_line() ? d_.trend->load_norm : left_to_wear(last);
     const auto [low, high] = left.value > 0 ? std::pair{left.low, left.high} : std::pair{-left.high, -left.low};
-    return fmt::format("95 %: {:.3f} … {:.3f} of the maximum torque", low, high);
+    return {left.value > 0 ? "left to the wear threshold" : "beyond the wear threshold",
+            percent(std::abs(left.value)) + " %",
+            fmt::format("by {}; 95 %: {} … {} %; the threshold is {} %",
+                        follows_line() ? "a straight line" : "the latest curve", percent(low), percent(high),
+                        percent(last.threshold))};
   }
 
   /// Friction of the latest curve against that of a healthy joint at the same temperature and speeds.
@@ -219,17 +226,19 @@ class Writer {
       for (const double v : levels.speed_rad_s) all += friction_nm(f, v);
       return all;
     });
-    tiles.push_back({"friction, latest", fmt::format("{:+.1f} %", 100 * (measured / sum.value - 1)),
-                     fmt::format("mean of its levels; 95 % of healthy joints lie within ± {:.1f} %",
-                                 100 * sum.half_width / sum.value)});
+    tiles.push_back(
+        {"friction, latest", fmt::format("{:+.1f} %", 100 * (measured / sum.value - 1)),
+         fmt::format("against a healthy joint at this temperature; 95 % of healthy curves lie within ± {:.1f} %",
+                     100 * sum.half_width / sum.value)});
   }
 
-  /// What `check` says, with the name of the file without its folders.
-  std::string verdict_of(std::size_t i) const {
-    const std::string& file = d_.checked[i].file;
-    const std::string& sentence = d_.verdicts[i].sentence;
-    return sentence.starts_with(file) ? std::filesystem::path(file).filename().string() + sentence.substr(file.size())
-                                      : sentence;
+  std::string sentence(std::size_t i) const {
+    const Observation& o = d_.checked[i];
+    const bool one_of_several = std::ranges::count(d_.checked, o.file, &Observation::file) > 1;
+    return plain_sentence(
+        h_, o, d_.verdicts[i],
+        fmt::format("{}. {}{}{}", i + 1, name_of(o), one_of_several ? fmt::format(", curve {}", o.curve) : "",
+                    o.temperature_degC ? fmt::format(", {:.1f} °C", *o.temperature_degC) : ""));
   }
 
   void head() {
@@ -237,8 +246,8 @@ class Writer {
     page_.add(to, "h1", title());
     page_.open(opening());
     page_.add(to, "p",
-              fmt::format("Compared with a healthy state of {} unloaded curves{}; {:.3g} % of healthy observations may "
-                          "be called anomalous in each region.",
+              fmt::format("Compared with {} unloaded curves of the healthy joint{}; {:.3g} % of healthy curves may be "
+                          "called anomalous by their contact surfaces, as many by their lubricant.",
                           h_.observations,
                           h_.knows_temperature
                               ? fmt::format(", {:.0f} to {:.0f} °C", h_.temperature_low_degC, h_.temperature_high_degC)
@@ -251,22 +260,21 @@ class Writer {
     }
     page_.add(to, "h2", "Verdicts");
     for (std::size_t i = 0; i < d_.verdicts.size(); ++i)
-      if (d_.verdicts[i].anomalous) page_.add(to, "p", fmt::format("{}. {}", i + 1, verdict_of(i)));
-    if (anomalous() < d_.verdicts.size())
+      if (d_.verdicts[i].anomalous) page_.add(to, "p", sentence(i));
+    if (const std::size_t others = d_.verdicts.size() - anomalous(); anomalous() > 0 && others > 0)
       page_.add(to, "p",
-                fmt::format("Contact surfaces and lubricant of {} are healthy.",
-                            d_.verdicts.size() - anomalous() == 1
-                                ? std::string("one observation")
-                                : fmt::format("{} observations", d_.verdicts.size() - anomalous())),
+                others == 1 ? std::string("The other curve is that of a healthy joint.")
+                            : fmt::format("The other {} curves are those of a healthy joint.", others),
                 "soft");
     std::vector<std::vector<std::string>> rows;
     for (std::size_t i = 0; i < d_.verdicts.size(); ++i) {
       const auto& v = d_.verdicts[i];
       rows.push_back({fmt::format("{}", i + 1), temperature_of(d_.checked[i]), state(v.region[0].anomalous),
-                      state(v.region[1].anomalous), std::string(v.pattern), probability_text(v.confidence)});
+                      state(v.region[1].anomalous), v.anomalous ? in_words(v.pattern) : "none",
+                      probability_text(v.confidence)});
       if (!d_.days.empty()) rows.back().insert(rows.back().begin() + 1, date_text(d_.days[i]));
     }
-    std::vector<std::string> columns{"number", "°C", "contact surfaces", "lubricant", "cause", "confidence"};
+    std::vector<std::string> columns{"curve", "°C", "contact surfaces", "lubricant", "cause", "confidence"};
     if (!d_.days.empty()) columns.insert(columns.begin() + 1, "date");
     page_.add_table(to, columns, rows);
     evidence(to);
@@ -315,7 +323,7 @@ class Writer {
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     return page_.show(
         grid, f, "latest_curve",
-        fmt::format("Measured levels of observation {}{}, and where 95 % of the curves of a healthy joint "
+        fmt::format("Measured levels of curve {}{}, and where 95 % of the curves of a healthy joint "
                     "lie at that temperature.",
                     d_.checked.size(), o.temperature_degC ? fmt::format(" at {:.1f} °C", *o.temperature_degC) : ""));
   }
@@ -331,7 +339,7 @@ class Writer {
     std::vector<std::string> pro, contra;
     std::vector<std::vector<std::string>> rows;
     for (Eigen::Index i = 0; i < feature_count; ++i) {
-      const std::string name(in_words[static_cast<std::size_t>(i)]);
+      const std::string name(feature_words[static_cast<std::size_t>(i)]);
       const double reach = two_sided_95 * sigma[i];
       const bool changed = std::abs(found[i]) > reach, agrees = std::abs(found[i] - expected[i]) <= reach;
       if (v.cause && (changed || !agrees)) (agrees ? pro : contra).push_back(name);
@@ -340,17 +348,17 @@ class Writer {
                       !v.cause  ? (changed ? "changed" : "unchanged")
                       : !agrees ? "against"
                       : changed ? "for"
-                                : "unchanged, as it would be"});
+                                : "no change, as expected"});
     }
     if (v.cause)
-      page_.add(to, "p",
-                fmt::format("It looks like {}, {} (confidence {}). For it: {}. Against it: {}.", v.cause->meaning,
-                            severity_text(*v.cause, v.severity), probability_text(v.confidence), listed(pro),
-                            listed(contra)));
+      page_.add(
+          to, "p",
+          fmt::format("It looks like {}. For it: {}. Against it: {}.", cause_text(v), listed(pro), listed(contra)));
     else
-      page_.add(to, "p", "No known cause moves friction like this.");
+      page_.add(to, "p", "No known cause changes friction like this.");
     page_.add(to, "p", "Next test: " + next_test(v, sigma));
-    page_.add_table(to, {"of the latest curve", "change", "95 % of healthy joints", "as this cause", "speaks"}, rows);
+    page_.add_table(to, {"of the latest curve", "change", "healthy curves, 95 %", "expected of this cause", "evidence"},
+                    rows);
     other_causes(to, v);
   }
 
@@ -364,9 +372,9 @@ class Writer {
 
   /// What tells the two likeliest causes from each other.
   std::string next_test(const Verdict& v, const Features& sigma) const {
-    const std::string again = "the friction curve again, at the same temperature and without payload";
+    const std::string again = "measure the friction curve again, at the same temperature and without payload";
     if (v.candidates.size() < 2 || !v.cause || !(v.candidates[1].probability > 0.01) || !v.candidates[1].pattern)
-      return again + "; then after what is to be done.";
+      return again + "; repeat it after the maintenance.";
     const Candidate& second = v.candidates[1];
     const Features differ =
         (second.pattern->footprint(h_, second.severity).features - v.cause->footprint(h_, v.severity).features)
@@ -374,11 +382,12 @@ class Writer {
             .cwiseQuotient(sigma);
     Eigen::Index which = 0;
     if (differ.maxCoeff(&which) < 1)
-      return fmt::format("{}. Friction curves alone do not tell it from {}.", again, second.pattern->meaning);
+      return fmt::format("{}. Friction curves alone cannot distinguish it from {}.", again, second.pattern->meaning);
     const double slow = 3 * h_.mean(2);
-    return fmt::format("{}, with more levels {} {:.3g} rad/s (motor side): {} tells it from {} ({}).", again,
-                       which < 3 ? "below" : "above", slow, in_words[static_cast<std::size_t>(which)],
-                       second.pattern->meaning, probability_text(second.probability));
+    return fmt::format(
+        "{}, with more levels {} {:.3g} rad/s (motor side): {} distinguishes it from {} (probability {}).", again,
+        which < 3 ? "below" : "above", slow, feature_words[static_cast<std::size_t>(which)], second.pattern->meaning,
+        probability_text(second.probability));
   }
 
   void other_causes(pugi::xml_node to, const Verdict& v) {
@@ -394,17 +403,24 @@ class Writer {
   std::string trend_text(const Margin& m) const {
     const double threshold = d_.verdicts.back().load.threshold;
     const auto date = [&](double days) { return date_text(d_.days.back() + days); };
+    if (!m.straight)
+      return fmt::format(
+          "The wear threshold is {}. The equivalent loads do not follow a straight line, so no date is "
+          "given.",
+          m.load_norm.value <= 0 ? "exceeded" : "not reached");
     if (m.load_norm.value <= 0) {
       const double since = (threshold - m.line[0]) / m.line[1];
       return m.line[1] > 0 && since > 0
-                 ? fmt::format("The wear threshold is exceeded, by the straight line since about {}.",
-                               date_text(d_.days.front() + since))
-                 : std::string("The wear threshold is exceeded since the first curve.");
+                 ? fmt::format(
+                       "The wear threshold has been exceeded since about {}, by a straight line through the "
+                       "equivalent loads.",
+                       date_text(d_.days.front() + since))
+                 : std::string("The wear threshold has been exceeded since the first curve.");
     }
     if (!m.observations) return "The equivalent load does not rise.";
     return fmt::format("At this rate the wear threshold is reached about {} (95 %: {} … {}).", date(*m.observations),
                        date(m.earliest.value_or(0)),
-                       m.latest ? date(*m.latest) : std::string("never: the rise may be none"));
+                       m.latest ? date(*m.latest) : std::string("never, as the rise may be chance"));
   }
 
   /// The equivalent load over the dates of the curves, and when it reaches the wear threshold.
@@ -414,19 +430,23 @@ class Writer {
     page_.add(page_.body(), "h2", "Trend");
     const double first = d_.days.front(), last = d_.days.back() - first;
     const double end = last + std::min(last, m->observations.value_or(last));
-    const double threshold = d_.verdicts.back().load.threshold;
+    const double threshold = 100 * d_.verdicts.back().load.threshold;
     Figure f{.title = "Equivalent load over dates",
              .x = {.quantity = "days since " + date_text(first), .unit = "d"},
-             .y = {.quantity = "equivalent load", .unit = "-"}};
+             .y = {.quantity = "equivalent load", .unit = "%"}};
+    const auto loads = [&](double x) {
+      const Interval of_line = m->at(x);
+      return Interval{100 * of_line.value, 100 * of_line.low, 100 * of_line.high};
+    };
     Series band{.mark = Mark::area, .label = "line, 95 %", .stroke = 0},
-        line{.label = "straight line", .x = {0, end}, .y = {m->at(0).value, m->at(end).value}, .stroke = 0},
+        line{.label = "straight line", .x = {0, end}, .y = {loads(0).value, loads(end).value}, .stroke = 0},
         points{.mark = Mark::error_bars, .label = "measured, 95 %", .stroke = 1};
-    for (int i = 0; i <= 50; ++i) band.x.push_back(end * i / 50), band.y.push_back(m->at(end * i / 50).high);
-    for (int i = 50; i >= 0; --i) band.x.push_back(end * i / 50), band.y.push_back(m->at(end * i / 50).low);
+    for (int i = 0; i <= 50; ++i) band.x.push_back(end * i / 50), band.y.push_back(loads(end * i / 50).high);
+    for (int i = 50; i >= 0; --i) band.x.push_back(end * i / 50), band.y.push_back(loads(end * i / 50).low);
     for (std::size_t i = 0; i < d_.days.size(); ++i) {
       points.x.push_back(d_.days[i] - first);
-      points.y.push_back(d_.verdicts[i].load.load_norm);
-      points.error.push_back(two_sided_95 * d_.verdicts[i].load.sigma);
+      points.y.push_back(100 * d_.verdicts[i].load.load_norm);
+      points.error.push_back(100 * two_sided_95 * d_.verdicts[i].load.sigma);
     }
     f.series = {
         std::move(band),
@@ -436,13 +456,14 @@ class Writer {
     page_.add(page_.body(), "p", trend_text(*m));
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     return page_.show(grid, f, "trend",
-                      "The extra load that would change friction of the contact surfaces as much, over the maximum "
+                      "The extra load that would change friction of the contact surfaces as much, in % of the maximum "
                       "torque, with the straight line through all curves.");
   }
 
   /// In the words of Zhou 2024.
   void appendix() {
-    auto to = page_.add_details(page_.body(), "Distances and statistics, as in Zhou 2024");
+    auto to = page_.add_details(page_.body(), "Terms, distances and statistics, as in Zhou 2024");
+    page_.add_table(to, {"term", "meaning"}, terms());
     const auto yes = [](bool b) { return b ? "yes" : "no"; };
     std::vector<std::vector<std::string>> rows;
     for (std::size_t i = 0; i < d_.verdicts.size(); ++i) {
@@ -457,20 +478,29 @@ class Writer {
       rows.push_back(std::move(row));
     }
     page_.add_table(to,
-                    {"number", "°C", "distance 1", "T² 1", "anomalous 1", "distance 2", "T² 2", "anomalous 2",
+                    {"curve", "°C", "distance 1", "T² 1", "anomalous 1", "distance 2", "T² 2", "anomalous 2",
                      "equiv. load", "pattern", "confidence"},
                     rows);
-    page_.add(
-        to, "p",
-        fmt::format(
-            "Region 1: contact surfaces (Fc, Fs, Vs); region 2: lubricant (Fv, beta). Distance: squared, Zhou 2024 "
-            "(15), "
-            "over all temperatures; its thresholds are {:g} and, for wear, {:g}. T²: of the logarithms of the features "
-            "against those of a healthy joint at this temperature; an observation is anomalous beyond {:.2f} in region "
-            "1, {:.2f} in region 2.",
-            h_.anomalous_distance, h_.wear_distance, d_.verdicts.front().region[0].limit,
-            d_.verdicts.front().region[1].limit),
-        "soft");
+  }
+
+  std::vector<std::vector<std::string>> terms() const {
+    const auto& limit = d_.verdicts.front().region;
+    return {
+        {"region 1", "contact surfaces: Fc, Fs, Vs"},
+        {"region 2", "lubricant: Fv, beta"},
+        {"distance", fmt::format("squared, Zhou 2024 (15), over all temperatures; its thresholds are {:g} and, for "
+                                 "wear, {:g}",
+                                 h_.anomalous_distance, h_.wear_distance)},
+        {"T²", fmt::format("squared distance of the logarithms of the features from those of a healthy joint at this "
+                           "temperature; anomalous beyond {:.2f} in region 1, {:.2f} in region 2",
+                           limit[0].limit, limit[1].limit)},
+        {"times as far from healthy", "the root of T² over its limit"},
+        {"equivalent load", "the extra load that would change Fc, Fs and Vs as much, over the maximum torque"},
+        {"wear threshold", "the equivalent load at which the distance in region 1 reaches that of wear"},
+        {"by a straight line",
+         "where the dates' equivalent loads scatter about a straight line as little as their "
+         "sigmas say (chi-squared, 1 % of straight trends are refused); else by the latest curve"},
+        {"CUSUM", "small changes that last, added up: of each curve the normal score of its T², less a half"}};
   }
 
   Outcome regions_shown() {
@@ -491,9 +521,11 @@ class Writer {
     if (d_.checked.size() < 3) return {};
     page_.add(page_.body(), "h2", "Small changes that last");
     const Watch& w = d_.watch;
-    Figure f{.title = "CUSUM", .x = {.quantity = "observation"}, .y = {.quantity = "CUSUM", .from = 0}};
+    Figure f{.title = "Small changes, added up",
+             .x = {.quantity = "curve", .whole = true},
+             .y = {.quantity = "sum of changes", .from = 0}};
     for (std::size_t r = 0; r < regions.size(); ++r) {
-      Series s{.label = fmt::format("region {}: {}", r + 1, regions[r].of), .stroke = r};
+      Series s{.label = std::string(regions[r].of), .stroke = r};
       for (std::size_t i = 0; i < w.steps.size(); ++i)
         s.x.push_back(static_cast<double>(i + 1)), s.y.push_back(w.steps[i].region[r].sum);
       f.series.push_back(std::move(s));
@@ -503,25 +535,14 @@ class Writer {
                         .x = {1, static_cast<double>(w.steps.size())},
                         .y = {w.threshold, w.threshold},
                         .stroke = 5});
-    std::string said =
-        w.first_alarm ? fmt::format("Observation {} raises the first alarm.", *w.first_alarm + 1) : "No alarm.";
-    if (w.margin) {
-      const auto& m = *w.margin;
-      const bool left = m.load_norm.value > 0;
-      said += fmt::format(" By a straight line through the equivalent loads {:.3f} {} the wear threshold ({})",
-                          std::abs(m.load_norm.value), left ? "are left to" : "beyond", margin_interval(m));
-      said += !left ? "."
-              : m.observations
-                  ? fmt::format("; at this rate {:.0f} more observations (95 %: {:.0f} … {}).", *m.observations,
-                                m.earliest.value_or(0), m.latest ? fmt::format("{:.0f}", *m.latest) : "never")
-                  : "; it does not shrink.";
-    }
-    page_.add(page_.body(), "p", said);
+    page_.add(page_.body(), "p",
+              w.first_alarm ? fmt::format("Curve {} raises the first alarm.", *w.first_alarm + 1) : "No alarm.");
     auto grid = page_.add(page_.body(), "div", {}, "figures");
-    return page_.show(grid, f, "cusum",
-                      fmt::format("Small lasting changes add up; observations are taken in the order given. Beyond the "
-                                  "dashed line ({:.2f}) there is one false alarm in {:.0f} healthy observations.",
-                                  w.threshold, 1 / d_.options.watch_false_alarm));
+    return page_.show(
+        grid, f, "cusum",
+        fmt::format("Small lasting changes add up; curves are taken in the order given. Beyond the dashed line "
+                    "({:.2f}) there is one false alarm in {:.0f} healthy curves.",
+                    w.threshold, 1 / d_.options.watch_false_alarm));
   }
 
   void origin() {
@@ -554,12 +575,7 @@ Result<DiagnosisData> load_diagnosis(const std::filesystem::path& healthy,
     std::ranges::move(*verdicts, std::back_inserter(d.verdicts));
   }
   load_latest(d, data.back(), read);
-  d.days = days_of(d);
-  if (!d.days.empty() && d.days.back() > d.days.front()) {
-    std::vector<double> since;
-    for (const double day : d.days) since.push_back(day - d.days.front());
-    d.trend = margin(d.healthy, d.checked, since);
-  }
+  add_trend(d);
   d.watch = watch(d.healthy, d.checked, options.watch_false_alarm);
   load_learned(d, read);
   return d;

@@ -28,8 +28,8 @@ struct DiagnosisData {
     std::vector<double> speed_rad_s, friction_nm, error_nm;  ///< motor side; arm side; one sigma
   } latest;
   std::vector<twin::diagnosis::Verdict> verdicts;  ///< as many as checked
-  std::vector<double> days;  ///< since 1970, of the dates in the files' names; empty where one lacks or goes back
-  std::optional<twin::diagnosis::Margin> trend;  ///< over `days`
+  std::vector<double> days;  ///< since 1970, of the dates in the files' names; empty where one lacks
+  std::optional<twin::diagnosis::Margin> trend;  ///< over `days`, where these ascend
   twin::diagnosis::Watch watch;
   DiagnosisOptions options;
   std::vector<std::string> missing;  ///< what is not there: sentences for the reader
@@ -41,7 +41,7 @@ Result<DiagnosisData> load_diagnosis(const std::filesystem::path& healthy,
                                      twin::diagnosis::ObservationOptions read, const DiagnosisOptions& options);
 
 /// One self-contained page: what is to be done, the latest curve over those of a healthy joint at its temperature,
-/// verdicts as sentences, the CUSUM and the margin left, regions as in Figures 14 and 15 of Zhou 2024; distances as in
+/// verdicts as sentences, the CUSUM, regions as in Figures 14 and 15 of Zhou 2024; distances as in
 /// its Tables II and III in an appendix. Fails where figures cannot be drawn at all (no gnuplot).
 Result<Report> make_diagnosis_report(const DiagnosisData& data, const ReportOptions& options);
 

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/page/figure_table.hpp>
+#include <tribotwin/render/report/diagnosis_words.hpp>
 #include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/study_report.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -342,9 +343,10 @@ class Writer {
         if (std::ranges::find(columns, name) == columns.end()) columns.push_back(name);
     std::vector<std::vector<std::string>> rows;
     for (const auto& one : counted) {
-      auto& row = rows.emplace_back(1, one.fault);
+      auto& row = rows.emplace_back(1, in_words(one.fault));
       for (const auto& name : columns) row.push_back(one.verdicts.contains(name) ? shown(one.verdicts.at(name)) : "");
     }
+    std::ranges::transform(columns, columns.begin(), in_words);
     columns.insert(columns.begin(), "fault");
     page_.add_table(page_.body(), columns, rows);
   }

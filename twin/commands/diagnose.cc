@@ -157,7 +157,8 @@ Result<Exit> check_curves(const Arguments& a) {
 }
 
 Json json_of(const Margin& m) {
-  return {{"load_norm", {{"value", m.load_norm.value}, {"low", m.load_norm.low}, {"high", m.load_norm.high}}},
+  return {{"straight", m.straight},
+          {"load_norm", {{"value", m.load_norm.value}, {"low", m.load_norm.low}, {"high", m.load_norm.high}}},
           {"observations",
            {{"value", or_null(m.observations)}, {"low", or_null(m.earliest)}, {"high", or_null(m.latest)}}}};
 }
@@ -166,7 +167,8 @@ std::string text_of(const Margin& m) {
   std::string s =
       fmt::format("margin to the wear threshold: {:.3g} of torque_max in equivalent load (95 %: {:.3g} .. {:.3g})",
                   m.load_norm.value, m.load_norm.low, m.load_norm.high);
-  if (!m.observations) return s + "; wear does not grow\n";
+  if (!m.straight) return s + ", by the last observation: the equivalent loads do not follow a straight line\n";
+  if (!m.observations) return s + "; it does not shrink\n";
   return s + fmt::format("; at this rate {:.0f} more observations (95 %: {:.0f} .. {})\n", *m.observations,
                          m.earliest.value_or(0), m.latest ? fmt::format("{:.0f}", *m.latest) : "never");
 }

@@ -45,26 +45,17 @@ Problem unfit(const HealthyState& h, const ObservationFile& file, const Observat
   return {};
 }
 
-/// A load in the most concrete unit that is known: "2.3 kg at the flange".
-std::string load_text(const HealthyState& h, double load_norm) {
-  const double nm = load_norm * h.torque_max_nm;
-  if (nm > 0 && h.lever_m > 0) return fmt::format("{:.2g} kg at the flange", nm / (gravity * h.lever_m));
-  return nm > 0 ? fmt::format("{:.2g} Nm", nm) : fmt::format("{:.2g} of torque_max", load_norm);
-}
-
 std::string sentence_of(const HealthyState& h, const Observation& o, const Verdict& v) {
   std::string s = o.name() + ": ";
-  const bool outside = h.knows_temperature && (*o.temperature_degC < h.temperature_low_degC - 2 ||
-                                               *o.temperature_degC > h.temperature_high_degC + 2);
-  const std::string where = outside ? fmt::format(" Learned were {:.0f} to {:.0f} degC only.", h.temperature_low_degC,
-                                                  h.temperature_high_degC)
-                                    : "";
+  const std::string where = h.extrapolates(o) ? fmt::format(" Learned were {:.0f} to {:.0f} degC only.",
+                                                            h.temperature_low_degC, h.temperature_high_degC)
+                                              : "";
   if (!v.anomalous) return s + "healthy: contact surfaces and lubricant are as learned." + where;
   std::vector<std::string> what;
   for (std::size_t r = 0; r < regions.size(); ++r)
     if (v.region[r].anomalous)
       what.push_back(
-          fmt::format("{} (T^2 {:.3g}, limit {:.3g})", regions[r].of, v.region[r].statistic, v.region[r].limit));
+          fmt::format("{} (T^2 {:.1f}, limit {:.1f})", regions[r].of, v.region[r].statistic, v.region[r].limit));
   for (std::size_t k = 0; k < indicator_count; ++k)
     if (v.indicators[k] && v.indicators[k]->anomalous)
       what.push_back(
@@ -77,9 +68,8 @@ std::string sentence_of(const HealthyState& h, const Observation& o, const Verdi
                      probability_text(v.confidence), v.severity, v.cause->unit == "1" ? "(relative)" : v.cause->unit,
                      v.cause->advice);
   if (v.region[0].anomalous && v.load.load_norm > 2 * v.load.sigma)
-    s += fmt::format(" Its friction is that of an additional load of {}; the wear threshold, {}, is {}.",
-                     load_text(h, v.load.load_norm), load_text(h, v.load.threshold),
-                     v.load.load_norm > v.load.threshold ? "exceeded" : "not reached");
+    s += fmt::format(" Its equivalent load is {}; the wear threshold, {}, is {}.", load_text(h, v.load.load_norm),
+                     load_text(h, v.load.threshold), v.load.load_norm > v.load.threshold ? "exceeded" : "not reached");
   return s + where;
 }
 
@@ -140,6 +130,14 @@ std::string probability_text(double p) {
   return p > 0.99 ? "> 99 %" : p < 0.01 ? "< 1 %" : fmt::format("{:.0f} %", 100 * p);
 }
 
+std::string two_digits(double x) { return std::abs(x) < 99.5 ? fmt::format("{:.2g}", x) : fmt::format("{:.0f}", x); }
+
+std::string load_text(const HealthyState& h, double load_norm) {
+  const double nm = load_norm * h.torque_max_nm;
+  if (nm > 0 && h.lever_m > 0) return two_digits(nm / (gravity * h.lever_m)) + " kg at the flange";
+  return two_digits(nm > 0 ? nm : load_norm) + (nm > 0 ? " Nm" : " of torque_max");
+}
+
 RegionVerdict judge(const HealthyState& h, const Observation& o, std::size_t which, double false_alarm) {
   const auto& r = regions[which];
   const Baseline& base = h.region[which];
@@ -162,7 +160,8 @@ EquivalentLoad equivalent_load(const HealthyState& h, const Observation& o) {
   EquivalentLoad l{.threshold = h.wear_load()};
   if (!(information > 0)) return l;
   l.load_norm = h.load_of_term(weighted.dot(h.deviation(o).head(3)) / information);
-  l.sigma = std::sqrt(base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, 0)) / information);
+  const double per_term = 1 + h.sensitivity_at_mean_load() * l.load_norm;  // slope of load_of_term
+  l.sigma = per_term * std::sqrt(base.variance(h.regressors(o.temperature_degC), h.scatter_of(o, 0)) / information);
   if (h.torque_max_nm > 0) {
     l.nm = l.load_norm * h.torque_max_nm;
     if (h.lever_m > 0) l.kg = *l.nm / (gravity * h.lever_m);

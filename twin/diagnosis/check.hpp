@@ -55,6 +55,11 @@ struct CheckOptions {
 /// A probability [1] as text; none is a certainty: "> 99 %".
 std::string probability_text(double p);
 
+/// Two significant digits, whole numbers from 100 on: "0.12", "1.2", "117".
+std::string two_digits(double x);
+/// An extra load (load_norm) in the most concrete unit that is known: "2.3 kg at the flange".
+std::string load_text(const HealthyState& healthy, double load_norm);
+
 /// Of region 0 or 1 (observation.hpp: regions); `false_alarm` in 0 .. 1.
 RegionVerdict judge(const HealthyState& healthy, const Observation& o, std::size_t region, double false_alarm);
 /// Generalised least squares along the effect of load on Fc, Fs, Vs.

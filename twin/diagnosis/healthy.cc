@@ -67,6 +67,12 @@ double HealthyState::sensitivity_at_mean_load() const {
   return load_sensitivity / (1 + load_sensitivity * (indicators[load] ? indicators[load]->mean : 0));
 }
 
+bool HealthyState::extrapolates(const Observation& o) const {
+  constexpr double near_K = 2;
+  return knows_temperature &&
+         (*o.temperature_degC < temperature_low_degC - near_K || *o.temperature_degC > temperature_high_degC + near_K);
+}
+
 double HealthyState::load_term(double extra) const {
   const double k = sensitivity_at_mean_load();
   return k > 0 ? std::log1p(std::max(k * extra, -0.99)) / k : extra;

@@ -85,6 +85,8 @@ struct HealthyState {
   double scatter_of(const Observation& o, std::size_t which) const;
   /// Logarithmic features minus those of a healthy joint at this temperature.
   Features deviation(const Observation& o) const;
+  /// Whether its temperature is beyond the learned ones by more than 2 K.
+  bool extrapolates(const Observation& o) const;
   /// Zhou 2024 (15), squared, and the radii of (14) for N = 1, ascending.
   double distance(const Features& features, std::size_t which) const;
   Eigen::VectorXd radii(std::size_t which) const;

@@ -11,7 +11,6 @@ namespace tribotwin::twin::diagnosis {
 namespace {
 
 constexpr int severities = 400;  // features may be identified to 1 % together, which needs equally fine steps
-constexpr double outside_K = 2;  ///< beyond the learned temperatures: from there temperature is a possible cause
 constexpr double load_ratio_minimum = 0.02, load_ratio_maximum = 1.5;  ///< of ln load_norm, with a payload
 
 Features change(double Fc, double Fs, double Vs, double Fv, double beta = 0) {
@@ -56,8 +55,7 @@ bool has(const HealthyState& h, const Observation& o) {
 
 /// Temperature is a possible cause where it is unknown or outside the learned range.
 bool outside_learned_temperatures(const HealthyState& h, const Observation& o) {
-  return !h.knows_temperature || *o.temperature_degC < h.temperature_low_degC - outside_K ||
-         *o.temperature_degC > h.temperature_high_degC + outside_K;
+  return !h.knows_temperature || h.extrapolates(o);
 }
 
 /// Filled at the first call, as the names come from another file's table.

@@ -13,7 +13,8 @@ namespace tribotwin::twin::diagnosis {
 namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
-constexpr double score_maximum = 8;  ///< normal scores are limited to this: beyond, probabilities underflow
+constexpr double straight_refused = 0.01;  ///< share of straight trends that are not taken for one
+constexpr double score_maximum = 8;        ///< normal scores are limited to this: beyond, probabilities underflow
 
 /// When the line plus `side` times its half width first reaches a level, from now on; none within a thousand times the
 /// observed range.
@@ -135,23 +136,36 @@ Interval Margin::at(double x) const {
   return {middle, middle - width, middle + width};
 }
 
+Interval left_to_wear(const EquivalentLoad& l) {
+  const double left = l.threshold - l.load_norm, reach = normal_quantile(0.975) * l.sigma;
+  return {left, left - reach, left + reach};
+}
+
 std::optional<Margin> margin(const HealthyState& h, std::span<const Observation> observations,
                              std::span<const double> at) {
   const auto n = static_cast<Index>(observations.size());
   if (n < 3) return std::nullopt;
   MatrixXd x(n, 2);
-  VectorXd y(n);
+  VectorXd y(n), sigma(n);
   for (Index i = 0; i < n; ++i) {
     const auto k = static_cast<std::size_t>(i);
+    const EquivalentLoad load = equivalent_load(h, observations[k]);
     x.row(i) << 1, at[k];
-    y(i) = equivalent_load(h, observations[k]).load_norm;
+    y(i) = load.load_norm;
+    sigma(i) = load.sigma;
   }
   const Eigen::Matrix2d inverse_gram = inverse(x.transpose() * x);
   const double freedom = static_cast<double>(n - 2);
   Margin m{};
   m.line = inverse_gram * x.transpose() * y;
-  m.covariance = inverse_gram * (y - x * m.line).squaredNorm() / freedom;
+  const VectorXd e = y - x * m.line;
+  m.covariance = inverse_gram * e.squaredNorm() / freedom;
   m.quantile = student_t_quantile(freedom, 0.975);
+  m.straight = chi_squared_above(freedom, e.cwiseQuotient(sigma).squaredNorm()) > straight_refused;
+  if (!m.straight) {
+    m.load_norm = left_to_wear(equivalent_load(h, observations.back()));
+    return m;
+  }
   const double now = at.back(), threshold = h.wear_load();
   const Interval last = m.at(now);
   m.load_norm = {threshold - last.value, threshold - last.high, threshold - last.low};

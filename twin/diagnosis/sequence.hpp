@@ -46,11 +46,15 @@ struct Interval {
   double value = 0, low = 0, high = 0;  ///< 95 %
 };
 
+/// From an observation to the wear threshold, by its own equivalent load and scatter.
+Interval left_to_wear(const EquivalentLoad& load);
+
 /// A straight line through the equivalent loads of the observations over their number, or over days, extrapolated to
 /// the wear threshold.
 struct Margin {
-  Interval load_norm;                      ///< from the last observation to the wear threshold
-  std::optional<double> observations;      ///< or days, until the line reaches it; none where it does not rise
+  bool straight;       ///< the loads scatter about the line as much as their sigmas say (chi-squared, 1 % are refused)
+  Interval load_norm;  ///< to the wear threshold at the last observation: by the line or, where not straight, its own
+  std::optional<double> observations;  ///< or days, until the line reaches it; none where not rising or not straight
   std::optional<double> earliest, latest;  ///< 95 % band of that; `latest`: none where the rise is not significant
   Eigen::Vector2d line;                    ///< equivalent load at 0, and its rise
   Eigen::Matrix2d covariance;              ///< of the line

@@ -3,6 +3,7 @@ tribotwin diagnose check and watch say. What they do not say, healthy friction a
 import re
 
 import numpy as np
+from scipy import stats
 import yaml
 
 from numbers_of_page import Numbers
@@ -11,10 +12,11 @@ FEATURES = ("Fc", "Fs", "Vs", "Fv", "beta")
 WORDS = (
     "Coulomb friction Fc",
     "standstill friction Fs",
-    "speed Vs, below which friction rises",
+    "speed Vs below which friction rises",
     "viscous friction Fv",
-    "its exponent beta",
+    "exponent beta of viscous friction",
 )
+MEANINGS = {"wear": "worn contact surfaces", "load": "more load on the joint than in the healthy curves"}
 REGIONS = (slice(0, 3), slice(3, 5))
 
 
@@ -22,6 +24,7 @@ class Healthy:
     def __init__(self, text):
         h = yaml.safe_load(text)
         self.count, self.distances = h["observations"], list(h["thresholds"].values())
+        self.torque_max_nm = h.get("torque_max_nm", 0)
         self.ends = [h["temperature"][end] for end in ("low_degC", "high_degC")]
         regions = [h["baseline"][region] for region in ("region1", "region2")]
         self.coefficients = [np.array(r["coefficients"]) for r in regions]
@@ -60,15 +63,61 @@ def percent(p):
     return "> 99 %" if p > 0.99 else "< 1 %" if p < 0.01 else f"{100 * p:.0f} %"
 
 
-def margin_text(m):
-    """The tile and the sentence on what is left to the wear threshold; the interval turns with the sign."""
-    left = m["load_norm"]
-    beyond = left["value"] <= 0
-    low, high = (-left["high"], -left["low"]) if beyond else (left["low"], left["high"])
-    interval = f"95 %: {low:.3f} … {high:.3f} of the maximum torque"
-    name = "beyond the wear threshold" if beyond else "left to the wear threshold"
-    said = f"{abs(left['value']):.3f} {'beyond' if beyond else 'are left to'} the wear threshold ({interval})"
-    return f"{name}\n{abs(left['value']):.3f}\n{interval}\n", said
+def cause(o):
+    """A pattern as a page calls it."""
+    return "none" if o["pattern"] == "healthy" else o["pattern"].replace("_", " ")
+
+
+def margin_tile(by, left, low, high, threshold):
+    """How far it is to the wear threshold, or beyond it: the interval turns with the sign."""
+    name = "left to" if left > 0 else "beyond"
+    value, *ends = [100 * x for x in ((left, low, high) if left > 0 else (-left, -high, -low))]
+    more = f"by {by}; 95 %: {ends[0]:.1f} … {ends[1]:.1f} %; the threshold is {100 * threshold:.1f} %"
+    return f"{name} the wear threshold\n{value:.1f} %\n{more}\n"
+
+
+def margin_of(o):
+    """By an observation of `check --json` alone."""
+    left, half = o["equivalent_load_threshold"] - o["equivalent_load"], 1.96 * o["equivalent_load_sigma"]
+    return margin_tile("the latest curve", left, left - half, left + half, o["equivalent_load_threshold"])
+
+
+def line_margin(days, seen):
+    """By a straight line through all of them over their days."""
+    x = np.column_stack([np.ones(len(days)), days])
+    y, threshold = np.array([o["equivalent_load"] for o in seen]), seen[0]["equivalent_load_threshold"]
+    line, squares = np.linalg.lstsq(x, y)[:2]
+    at, inverse = x[-1], np.linalg.inv(x.T @ x)
+    half = stats.t.ppf(0.975, len(y) - 2) * np.sqrt(squares[0] / (len(y) - 2) * at @ inverse @ at)
+    left = threshold - at @ line
+    return margin_tile("a straight line", left, left - half, left + half, threshold)
+
+
+def share(h, load_norm, of=""):
+    """Of the maximum torque, and in Nm."""
+    nm = f" ({load_norm * h.torque_max_nm:.2g} Nm)" if h.torque_max_nm else ""
+    return f"{100 * load_norm:.1f} %{of}{nm}"
+
+
+def sentence(h, i, o):
+    """What the page says of a curve of a file that holds no other."""
+    far = [
+        f"{name} {np.sqrt(o[region]['statistic'] / o[region]['limit']):.1f} times"
+        for region, name in (("region1", "contact surfaces"), ("region2", "lubricant"))
+        if o[region]["anomalous"]
+    ]
+    said = f"{i}. {o['file']}, {o['temperature_degC']:.1f} °C: {' and '.join(far)} "
+    said += f"as far from healthy as a healthy curve may be. It looks like {MEANINGS[o['pattern']]}, {much(o)} "
+    said += f"(confidence {percent(o['confidence'])})."
+    if o["region1"]["anomalous"] and o["equivalent_load"] > 2 * o["equivalent_load_sigma"]:
+        way = "beyond" if o["equivalent_load"] > o["equivalent_load_threshold"] else "short of"
+        said += f" Its equivalent load is {share(h, o['equivalent_load'], ' of the maximum torque')}, "
+        said += f"{way} the wear threshold of {share(h, o['equivalent_load_threshold'])}."
+    return said + "\n"
+
+
+def much(o):
+    return f"{100 * o['severity']:.2g} %" + (" of the maximum torque" if o["pattern"] == "load" else "")
 
 
 def near(shown, true, half_digit):
@@ -89,39 +138,42 @@ def take_evidence(n, h, o):
         n.match("evidence: " + word, row, lambda a, b, c: all(near(x, t, digit) for x, t in zip((a, b, c), true)))
 
 
-def hold(page, check, command, healthy, seen, watched, levels, dates, reached):
+def hold(page, check, command, healthy, seen, watched, levels, dates, days, reached):
     """`seen`: observations of `check --json`, in order. `watched`: `watch --json` of the same. `levels`: speed and
-    friction of the latest curve. `dates`: of the files. `reached`: when a line is at the wear threshold."""
+    friction of the latest curve. `dates`: of the files; `days`: since the first. `reached`: when a line is at the wear
+    threshold."""
     n, h, last = Numbers(page, check), Healthy(healthy), seen[-1]
     bad = [o for o in seen if o["anomalous"]]
     n.take("healthy.yaml", healthy)
     n.take("the command", command)
-    n.match("identity", r"data of \d{4}-\d\d-\d\d · tribotwin ([\d.]+) · MuJoCo [\d.]+\n", lambda v: True)
+    n.match("identity", rf"data of {dates[-1]} · tribotwin ([\d.]+) · MuJoCo [\d.]+\n", lambda v: True)
     change, half = h.friction_change(last, *levels)
     n.match(
         "friction, latest",
-        r"([+-][\d.]+) %\nmean of its levels; 95 % of healthy joints lie within ± ([\d.]+) %",
+        r"([+-][\d.]+) %\nagainst a healthy joint at this temperature; 95 % of healthy curves lie within ± ([\d.]+) %",
         lambda a, b: near(a, change, 0.05) and near(b, half, 0.05),
     )
-    n.take("anomalous", f"{len(bad)} of {len(seen)}\nobservations\n")
-    much = f"{100 * last['severity']:.2g} % (confidence {percent(last['confidence'])})"
-    n.take("the cause", f"; the latest looks like worn contact surfaces, {much}.", f"worn contact surfaces, {much}.")
-    n.take("verdict", f"{len(bad)} of {len(seen)} observations are not those of a healthy joint")
-    n.take("equivalent load", f"{last['equivalent_load']:.3f} ± {last['equivalent_load_sigma']:.3f}\n")
-    tile, said = margin_text(watched["margin"])
-    n.take("margin", tile, said)
+    n.take("anomalous", f"{len(bad)} of {len(seen)}\ncurves\n")
+    n.take("sentences", *(sentence(h, i + 1, o) for i, o in enumerate(seen) if o["anomalous"]))
+    cause_of_latest = f"worn contact surfaces, {much(last)} (confidence {percent(last['confidence'])})."
+    n.take("the cause", f"; the latest looks like {cause_of_latest}", f"It looks like {cause_of_latest}")
+    n.take("verdict", f"{len(bad)} of {len(seen)} curves are not those of a healthy joint")
+    nm = f" ({last['equivalent_load'] * h.torque_max_nm:.2g} Nm)" if h.torque_max_nm else ""
+    tile = f"{100 * last['equivalent_load']:.1f} ± {100 * last['equivalent_load_sigma']:.1f} %\n"
+    n.take("equivalent load", tile + f"of the maximum torque{nm}, one sigma: ")
+    n.take("margin", line_margin(days, seen))
     n.take(
         "compared with",
-        f"a healthy state of {h.count} unloaded curves, {h.ends[0]:.0f} to {h.ends[1]:.0f} °C; 4.55 % of healthy",
+        f"with {h.count} unloaded curves of the healthy joint, {h.ends[0]:.0f} to {h.ends[1]:.0f} °C; ",
+        "4.55 % of healthy curves",
     )
-    n.take("sentences", *(f"{i + 1}. {o['sentence']}" for i, o in enumerate(seen) if o["anomalous"]))
     if len(seen) - len(bad) > 1:
-        n.take("healthy ones", f"Contact surfaces and lubricant of {len(seen) - len(bad)} observations are healthy.")
+        n.take("healthy ones", f"The other {len(seen) - len(bad)} curves are those of a healthy joint.")
     state = lambda o, region: "anomalous" if o[region]["anomalous"] else "healthy"
     yes = lambda o, region: "yes" if o[region]["anomalous"] else "no"
     for i, o in enumerate(seen):
         cells = [str(i + 1), dates[i], f"{o['temperature_degC']:.1f}"]
-        row = cells + [state(o, "region1"), state(o, "region2"), o["pattern"], percent(o["confidence"])]
+        row = cells + [state(o, "region1"), state(o, "region2"), cause(o), percent(o["confidence"])]
         n.take(f"row {i + 1}", "\n" + "\n".join(row) + "\n")
         row = [str(i + 1), cells[-1]]
         for region in ("region1", "region2"):
@@ -129,11 +181,11 @@ def hold(page, check, command, healthy, seen, watched, levels, dates, reached):
         row += [f"{o['equivalent_load']:.3f}", o["pattern"], f"{o['confidence']:.2f}"]
         n.take(f"appendix, row {i + 1}", "\n" + "\n".join(row) + "\n")
     take_evidence(n, h, last)
-    n.take("the latest curve", f"Measured levels of observation {len(seen)} at {last['temperature_degC']:.1f} °C")
+    n.take("the latest curve", f"Measured levels of curve {len(seen)} at {last['temperature_degC']:.1f} °C")
     alarm = watched["first_alarm"]
-    n.take("alarm", f"Observation {alarm} raises the first alarm.")
+    n.take("alarm", f"Curve {alarm} raises the first alarm.")
     once = round(1 / watched["false_alarm"])
-    n.take("chart", f"({watched['threshold']:.2f}) there is one false alarm in {once} healthy observations")
+    n.take("chart", f"({watched['threshold']:.2f}) there is one false alarm in {once} healthy curves")
     n.take(
         "limits",
         "its thresholds are {:g} and, for wear, {:g}".format(*h.distances),
@@ -148,10 +200,11 @@ def hold(page, check, command, healthy, seen, watched, levels, dates, reached):
     )
     n.match(
         "trend",
-        r"by the straight line since about (\d{4}-\d\d-\d\d)\.",
+        r"has been exceeded since about (\d{4}-\d\d-\d\d), by",
         lambda day: abs((np.datetime64(day) - reached).astype(int)) <= 1,
     )
     # What is no measured number: shares of intervals, numbers of regions, the paper.
     words = ("Zhou 2024 (15)", "Zhou 2024", "T² 1", "T² 2", "distance 1", "distance 2", "anomalous 1", "anomalous 2")
-    n.take("words", "where 95 % of the curves", "95 % of healthy joints", "Region 1:", "region 2:", *words)
+    n.take("words", "where 95 % of the curves", "healthy curves, 95 %", "\nregion 1\n", "\nregion 2\n", *words)
+    n.take("rule", "(chi-squared, 1 % of straight trends are refused)", "at which the distance in region 1 reaches")
     n.finish("diagnosis")

@@ -196,6 +196,20 @@ check(
     left["low"] < left["value"] < left["high"] and w["margin"]["observations"]["value"] is not None,
     w["margin"],
 )
+check("growing wear follows a line", w["margin"]["straight"], w["margin"])
+write("sudden.csv", [curve(T) for T in np.linspace(25, 58, 12)] + [curve(40, wear=0.12)])
+sudden = json.loads(run("watch", "healthy.yaml", "sudden.csv", "--json", "--quiet", code=3).stdout)["margin"]
+latest = judged("healthy.yaml", "sudden.csv", code=3)[-1]
+left, half = latest["equivalent_load_threshold"] - latest["equivalent_load"], 1.96 * latest["equivalent_load_sigma"]
+check(
+    "a change at once follows no line: the margin is that of the last observation, and nothing is extrapolated",
+    not sudden["straight"]
+    and np.allclose([sudden["load_norm"][end] for end in ("low", "value", "high")], [left - half, left, left + half])
+    and sudden["observations"]["value"] is None,
+    (sudden, latest),
+)
+said = run("watch", "healthy.yaml", "sudden.csv", "--quiet", code=3).stdout
+check("and it is said", "do not follow a straight line" in said and "does not grow" not in said, said[-400:])
 w = json.loads(run("watch", "healthy.yaml", "staying.csv", "--json", "--quiet", "--false-alarm", "1e-4").stdout)
 check("a healthy joint is silent", w["first_alarm"] is None)
 
