@@ -172,6 +172,9 @@ class Writer {
     std::string now = ", but the latest is.";
     if (last.anomalous && last.cause)
       now = fmt::format("; the latest looks like {}.", cause_text(last));
+    else if (last.perhaps_healthy)
+      now = fmt::format("; of the latest chance is the likeliest cause (probability {}).",
+                        probability_text(last.confidence));
     else if (last.anomalous)
       now = "; no known cause changes friction like the latest.";
     return fmt::format("{} of {} curves are not those of a healthy joint{}", anomalous(), d_.verdicts.size(), now);
@@ -179,17 +182,21 @@ class Writer {
 
   Opening opening() const {
     const auto& last = d_.verdicts.back();
-    const bool now = last.anomalous, before = anomalous() > 0;
-    Opening o{.verdict = verdict(),
-              .light = now      ? Light::red
-                       : before ? Light::amber
-                                : Light::green,
-              .rule = "red when the latest curve is not that of a healthy joint, amber when an earlier one is not.",
-              .tiles = {},
-              .action = last.cause ? std::string(last.cause->advice) + "."
-                        : now      ? "measure again, cold and hot: the cause is not known."
-                                   : "nothing; measure again at the next date.",
-              .identity = identity_of(options_, h_.joint, d_.days.empty() ? "" : date_text(std::ranges::max(d_.days)))};
+    const bool now = last.anomalous && !last.perhaps_healthy, before = anomalous() > 0;
+    Opening o{
+        .verdict = verdict(),
+        .light = now      ? Light::red
+                 : before ? Light::amber
+                          : Light::green,
+        .rule =
+            "red when the latest curve is not that of a healthy joint, amber when an earlier one is not or chance may "
+            "explain the latest.",
+        .tiles = {},
+        .action = last.cause             ? std::string(last.cause->advice) + "."
+                  : now                  ? "measure again, cold and hot: the cause is not known."
+                  : last.perhaps_healthy ? "measure again; go on as before if that curve is healthy."
+                                         : "nothing; measure again at the next date.",
+        .identity = identity_of(options_, h_.joint, d_.days.empty() ? "" : date_text(std::ranges::max(d_.days)))};
     o.tiles.push_back(
         {"anomalous", fmt::format("{} of {}", anomalous(), d_.verdicts.size()), "curves", before ? "bad" : "good"});
     add_friction(o.tiles);
@@ -355,7 +362,7 @@ class Writer {
           to, "p",
           fmt::format("It looks like {}. For it: {}. Against it: {}.", cause_text(v), listed(pro), listed(contra)));
     else
-      page_.add(to, "p", "No known cause changes friction like this.");
+      page_.add(to, "p", cause_sentence(v));
     page_.add(to, "p", "Next test: " + next_test(v, sigma));
     page_.add_table(to, {"of the latest curve", "change", "healthy curves, 95 %", "expected of this cause", "evidence"},
                     rows);

@@ -60,9 +60,15 @@ std::string cause_text(const Verdict& v) {
                      probability_text(v.confidence));
 }
 
+std::string cause_sentence(const Verdict& v) {
+  if (v.perhaps_healthy)
+    return fmt::format("Chance is likelier than any known cause (probability {}).", probability_text(v.confidence));
+  return v.cause ? fmt::format("It looks like {}.", cause_text(v)) : "No known cause changes friction like this.";
+}
+
 std::string plain_sentence(const HealthyState& h, const Observation& o, const Verdict& v, const std::string& name) {
   std::string s = fmt::format("{}: {}. ", name, excess(v));
-  s += v.cause ? fmt::format("It looks like {}.", cause_text(v)) : "No known cause changes friction like this.";
+  s += cause_sentence(v);
   if (v.region[0].anomalous && v.load.load_norm > 2 * v.load.sigma)
     s += fmt::format(" Its equivalent load is {}, {} the wear threshold of {}.",
                      share_text(h, v.load.load_norm, " of the maximum torque"),

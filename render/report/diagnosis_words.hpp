@@ -22,6 +22,8 @@ std::string severity_text(const twin::diagnosis::Pattern& pattern, double severi
 
 /// Of a verdict with a cause: "worn contact surfaces, 13 % (confidence > 99 %)".
 std::string cause_text(const twin::diagnosis::Verdict& verdict);
+/// The same of an anomaly with or without a cause, as a sentence.
+std::string cause_sentence(const twin::diagnosis::Verdict& verdict);
 
 /// An anomalous observation, which the sentence calls `name`: how far it is from healthy, its cause and its equivalent
 /// load.

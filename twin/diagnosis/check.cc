@@ -61,7 +61,10 @@ std::string sentence_of(const HealthyState& h, const Observation& o, const Verdi
       what.push_back(
           fmt::format("{} ({:.3g}, limit {:.3g})", indicators[k].name, v.indicators[k]->value, v.indicators[k]->limit));
   s += fmt::format("not as learned: {}. ", joined(what));
-  if (!v.cause)
+  if (v.perhaps_healthy)
+    s += fmt::format("By chance, more likely than by any known cause (probability {}); repeat the test.",
+                     probability_text(v.confidence));
+  else if (!v.cause)
     s += "No known cause moves friction like this; repeat the test, then inspect the joint.";
   else
     s += fmt::format("It looks like {} (confidence {}), severity {:.2g} {}; {}.", v.cause->meaning,
@@ -86,12 +89,8 @@ void judge_indicators(const HealthyState& h, const Observation& o, double false_
     }
 }
 
-/// The cause of an anomaly. An exceeded limit excludes `healthy`: the causes share its probability.
-void find_cause(const HealthyState& h, double probability_healthy, Verdict& v) {
-  std::erase_if(v.candidates, [](const Candidate& c) { return !c.pattern; });
-  double sum = 0;
-  for (const auto& c : v.candidates) sum += c.probability;
-  for (auto& c : v.candidates) c.probability /= sum > 0 ? sum : 1 - probability_healthy;
+/// The cause of an anomaly. A limit is exceeded by chance, too: `healthy` stays among the candidates.
+void find_cause(const HealthyState& h, Verdict& v) {
   const Candidate& best = v.candidates.front();
   const Baseline both_regions{
       .coefficients = {}, .covariance = h.together, .inverse_gram = {}, .freedom = h.degrees_of_freedom()};
@@ -100,10 +99,11 @@ void find_cause(const HealthyState& h, double probability_healthy, Verdict& v) {
     v.confidence = 1 - chance;
     return;
   }
-  v.cause = best.pattern;
-  v.pattern = best.pattern->name;
-  v.severity = best.severity;
   v.confidence = best.probability;
+  v.cause = best.pattern;
+  v.perhaps_healthy = !v.cause;
+  v.pattern = v.cause ? v.cause->name : "unknown";
+  v.severity = best.severity;
 }
 
 Verdict verdict_of(const HealthyState& h, const Observation& o, const CheckOptions& options) {
@@ -115,11 +115,10 @@ Verdict verdict_of(const HealthyState& h, const Observation& o, const CheckOptio
   judge_indicators(h, o, options.false_alarm, v);
   v.load = equivalent_load(h, o);
   v.candidates = candidates(h, o, prior_healthy);
-  const double probability_healthy = std::ranges::find(v.candidates, nullptr, &Candidate::pattern)->probability;
   if (v.anomalous)
-    find_cause(h, probability_healthy, v);
+    find_cause(h, v);
   else
-    v.confidence = probability_healthy;
+    v.confidence = std::ranges::find(v.candidates, nullptr, &Candidate::pattern)->probability;
   v.sentence = sentence_of(h, o, v);
   return v;
 }

@@ -42,10 +42,12 @@ struct Verdict {
   const Pattern* cause = nullptr;        ///< null: healthy or unknown
   std::string_view pattern = "healthy";  ///< name of the cause, "healthy" or "unknown"
   double severity = 0;                   ///< in the unit of the cause
-  double confidence = 0;                 ///< probability of the verdict: among all, or, of a cause, among the causes
+  double confidence = 0;                 ///< probability of the verdict, among `healthy` and all causes
   std::vector<Candidate> candidates;     ///< by decreasing probability
   std::string sentence;
   bool anomalous = false;  ///< a region or an indicator is
+  /// Anomalous, but a healthy joint, of which some are beyond a limit by chance, is likelier than any cause.
+  bool perhaps_healthy = false;
 };
 
 struct CheckOptions {
