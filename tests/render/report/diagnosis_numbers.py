@@ -114,7 +114,9 @@ def hold(page, check, command, healthy, seen, watched, levels, dates, reached):
         "compared with",
         f"a healthy state of {h.count} unloaded curves, {h.ends[0]:.0f} to {h.ends[1]:.0f} °C; 4.55 % of healthy",
     )
-    n.take("sentences", *(f"{i + 1}. {o['sentence']}" for i, o in enumerate(seen) if o["anomalous"]))
+    n.take(
+        "sentences", *(f"{i + 1}. {o['sentence'].replace('degC', '°C')}" for i, o in enumerate(seen) if o["anomalous"])
+    )
     if len(seen) - len(bad) > 1:
         n.take("healthy ones", f"Contact surfaces and lubricant of {len(seen) - len(bad)} observations are healthy.")
     state = lambda o, region: "anomalous" if o[region]["anomalous"] else "healthy"
