@@ -233,7 +233,7 @@ def take_run(n, folder):
     n.take(
         folder + ": the legend of health", "follow (1) or not (0)", "a gear class (1)", "its own (0)", "telemetry.h5"
     )
-    n.take(folder + ": remarks", *s["warnings"])
+    n.take(folder + ": remarks", *(w.replace("degC", "°C") for w in s["warnings"]))
     crossing = np.interp(38, warm, cycle_s)
     n.match(
         folder + ": where the law is clamped",
