@@ -1,9 +1,11 @@
 #include <algorithm>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <tribotwin/render/page/figure_data.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -28,12 +30,21 @@ FigureSize size_of(const Figure& figure) {
 
 }  // namespace
 
-std::vector<std::string> identity_of(const ReportOptions& o, const std::string& subject, const std::string& measured) {
-  return {o.robot.empty() ? subject : o.robot, o.serial_number.empty() ? "" : "serial number " + o.serial_number,
+std::vector<std::string> identity_of(const ReportOptions& o, const std::string& otherwise,
+                                     const std::string& measured) {
+  return {o.robot.empty() ? otherwise : o.robot, o.serial_number.empty() ? "" : "serial number " + o.serial_number,
           !measured.empty() ? "data of " + measured
           : !o.date.empty() ? "newest file written " + o.date
                             : "",
           o.software, o.engine};
+}
+
+std::string source_of(const std::string& kind, const std::vector<std::string>& files) {
+  if (files.empty()) return {};
+  std::vector<std::string> names;
+  for (const auto& file : files) names.push_back(without_folder(file));
+  if (names.size() > 3) names = {fmt::format("{} and {} more", names.front(), names.size() - 1)};
+  return fmt::format("{}{}: {}", kind, files.size() > 1 ? "s" : "", fmt::join(names, ", "));
 }
 
 Result<void> IllustratedPage::keep(const std::string& name, std::string bytes, const char* ending) {

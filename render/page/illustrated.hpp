@@ -31,10 +31,12 @@ struct Report {
   std::vector<std::string> notes;  ///< what could not be shown, for stderr; the page says so too
 };
 
-/// What identifies a page of measured data; `subject` where the user names no robot. `measured`: the date of the newest
-/// data, where they have one.
-std::vector<std::string> identity_of(const ReportOptions& options, const std::string& subject,
+/// What identifies a page of measured data. `otherwise`, where the user names no robot: the one that a model names, or
+/// source_of the data; may be empty. `measured`: the date of the newest data, where they have one.
+std::vector<std::string> identity_of(const ReportOptions& options, const std::string& otherwise,
                                      const std::string& measured = "");
+/// "recording: a.csv", "recordings: a.csv, b.csv"; of more than three "recordings: a.csv and 4 more"; nothing of none.
+std::string source_of(const std::string& kind, const std::vector<std::string>& files);
 
 /// A page with figures, each of which may also become a file.
 /// Green: nothing to do. Amber: read what is said before figures are used. Red: act first.

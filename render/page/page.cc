@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <regex>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -351,10 +352,20 @@ std::string without_folders(const std::string& text) {
   return out;
 }
 
+namespace {
+/// Text of programs as readers know it: the word degC is °C. Part of a name it stays.
+std::string in_print(const std::string& text) {
+  static const std::regex unit(R"((^|\W)degC\b)");
+  return text.find("degC") == text.npos ? text : std::regex_replace(text, unit, "$1°C");
+}
+}  // namespace
+
 pugi::xml_node Page::add(pugi::xml_node to, const char* tag, std::string_view text, const char* kind) {
   auto node = to.append_child(tag);
   if (kind) node.append_attribute("class") = kind;
-  if (!text.empty()) node.text() = printable(text, true).c_str();
+  if (text.empty()) return node;
+  const std::string shown = printable(text, true);
+  node.text() = (std::string_view(tag) == "pre" ? shown : in_print(shown)).c_str();
   return node;
 }
 

@@ -431,9 +431,9 @@ class Chart {
   }
 }
 
-/// What a cell says as a number: "−1.30·10⁻⁴", "12.5 %", "1 h 23 min 05 s"; NaN where it says none.
+/// What a cell says as a number: "-1.30·10⁻⁴", "12.5 %", "1 h 23 min 05 s"; NaN where it says none.
 function number(text) {
-  const small = '⁰¹²³⁴⁵⁶⁷⁸⁹', plainOf = (c) => (small.includes(c) ? small.indexOf(c) : '⁻−'.includes(c) ? '-' : c);
+  const small = '⁰¹²³⁴⁵⁶⁷⁸⁹', plainOf = (c) => (small.includes(c) ? small.indexOf(c) : c === '⁻' ? '-' : c);
   const lowered = [...text].map(plainOf);
   const ascii = lowered.join('').trim(), time = /^(?:(\d+) h )?(\d+) min (\d+) s/.exec(ascii);
   if (time) return 3600 * (time[1] ?? 0) + 60 * time[2] + Number(time[3]);

@@ -17,6 +17,8 @@ using Outcome = Result<void>;
 using namespace twin::repeatability;
 
 constexpr std::size_t curve_points = 400, shown_parameters = 6;
+constexpr double expected_to_be_seen = 0.3;  ///< change of a joint's friction: that of the shipped campaign's break
+constexpr double compared_share = 0.5;       ///< of a day, so that few breaks are in its rest
 
 class Writer {
  public:
@@ -66,22 +68,54 @@ class Writer {
     return order;
   }
 
-  void head() {
-    auto to = page_.body();
-    page_.add(to, "h1", c_.name);
-    if (!c_.description.empty()) page_.add(to, "p", c_.description, "soft");
-    std::string verdict;
+  std::string changes_in_words() const {
+    std::string out;
     for (const auto& x : f_.changes)
       if (const bool first = &x == f_.changes.data() || x.robot != (&x - 1)->robot || x.day != (&x - 1)->day ||
                              x.joint != (&x - 1)->joint;
           first)
-        verdict += fmt::format(
+        out += fmt::format(
             "Robot {}, test {}: friction of {} changed at {:.0f} min, by {:+.1f} % from one cycle to the next where "
             "earlier days had {:+.1f} % ({:.0f} sigma). ",
             x.robot + 1, x.day + 1, joint(x.joint), minutes(x), 100 * x.found, 100 * x.expected, std::abs(x.z));
-    if (verdict.empty())
-      verdict = f_.comparisons ? "No joint's friction changed by more than it does from one day to the next."
-                               : "There are no earlier days to compare with.";
+    return out;
+  }
+
+  std::string verdict() const {
+    if (!f_.comparisons) return "Nothing is compared: that takes two days of two cycles.";
+    return (f_.changes.empty() ? "No change of a joint's friction was seen. " : changes_in_words()) +
+           what_is_seen(c_, data_.results.days, f_);
+  }
+
+  bool misses() const {
+    return f_.seen > expected_to_be_seen || seen_until_s(data_.results.days) < compared_share * c_.duration_s;
+  }
+
+  /// Joints of all robots whose time constants the days without a change identify together.
+  std::size_t with_time_constants() const {
+    std::size_t count = 0;
+    for (const auto& robot : f_.thermal)
+      count += static_cast<std::size_t>(std::ranges::count_if(robot, [](const Thermal& joint) {
+        return std::ranges::any_of(times_of(joint.merged), &TimeConstant::identified);
+      }));
+    return count;
+  }
+  std::size_t robots_joints() const { return c_.robots * joints(); }
+
+  Light light() const {
+    if (!f_.changes.empty()) return Light::red;
+    return misses() || with_time_constants() < robots_joints() ? Light::amber : Light::green;
+  }
+
+  std::string action() const {
+    if (!f_.changes.empty()) return "look at the joint named, and measure its friction curve.";
+    if (!f_.comparisons) return "test on more days: a change shows against earlier ones.";
+    if (light() == Light::green) return "nothing; go on with the tests.";
+    return "test on longer days: friction is compared once per cycle of the motion, and a time constant is identified "
+           "on days of five times its length.";
+  }
+
+  std::vector<Tile> tiles() const {
     std::vector<Tile> tiles;
     tiles.push_back({"tests", fmt::format("{}", data_.results.days.size()),
                      fmt::format("{} robot{}, {} day{} of {:.3g} h", c_.robots, c_.robots > 1 ? "s" : "", c_.days,
@@ -90,7 +124,17 @@ class Writer {
     if (f_.comparisons)
       tiles.push_back({"changes", fmt::format("{}", f_.changes.size()),
                        fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold),
-                       f_.changes.empty() ? "good" : "bad"});
+                       !f_.changes.empty() ? "bad"
+                       : misses()          ? "warn"
+                                           : "good"});
+    const std::size_t known = with_time_constants();
+    tiles.push_back({"time constants", fmt::format("{} of {}", known, robots_joints()),
+                     "joints, identified from all days without a change", known < robots_joints() ? "warn" : "good"});
+    add_inertia(tiles);
+    return tiles;
+  }
+
+  void add_inertia(std::vector<Tile>& tiles) const {
     std::optional<double> drift, over_days;
     for (std::size_t robot = 0; robot < c_.robots; ++robot)
       for (std::size_t p = 0; p < base_.parameters.size(); ++p) {
@@ -105,17 +149,21 @@ class Writer {
          : *drift < 0.05 ? "good"
                          : "bad"});
     tiles.push_back({"inertia over days", share(over_days), "maximum standard deviation of the same parameters"});
-    page_.open({.verdict = verdict,
-                .light = !f_.changes.empty()   ? Light::red
-                         : f_.comparisons == 0 ? Light::amber
-                                               : Light::green,
-                .rule = "red when a joint's friction changed by more than it does from one day to the next, amber when "
-                        "there are no days to compare with.",
-                .tiles = std::move(tiles),
-                .action = !f_.comparisons      ? "test on more days: a change shows against earlier ones."
-                          : f_.changes.empty() ? "nothing; go on with the tests."
-                                               : "look at the joint named, and measure its friction curve.",
-                .identity = identity_of(options_, c_.name)});
+  }
+
+  void head() {
+    page_.add(page_.body(), "h1", c_.name);
+    page_.open({.verdict = verdict(),
+                .light = light(),
+                .rule = fmt::format(
+                    "red when a joint's friction changed by more than it does from one day to the next, amber when "
+                    "nothing is compared, a change of {:.0f} % could be missed, less than {:.0f} % of a day is "
+                    "compared, or a joint's time constants are not identifiable.",
+                    100 * expected_to_be_seen, 100 * compared_share),
+                .tiles = tiles(),
+                .action = action(),
+                .identity = identity_of(options_, c_.model->get()->names)});
+    if (!c_.description.empty()) page_.add(page_.body(), "p", c_.description, "soft");
   }
 
   double minutes(const Change& x) const { return day(x.robot, x.day).cycles[x.cycle].start_s / 60; }

@@ -132,8 +132,10 @@ class Writer {
     const std::string source = p_.data.size() == 1 ? " of " + std::filesystem::path(p_.data[0]).filename().string()
                                : p_.data.empty()   ? ""
                                                    : fmt::format(" of {} files", p_.data.size());
-    return fmt::format("{} of the {} parameters of law '{}' were identified from {} samples{}.", identified(),
-                       p_.found.parameters.size(), law_.name, p_.found.samples, source);
+    const std::size_t all = p_.found.parameters.size();
+    return fmt::format("{} {} parameters of law '{}' were identified from {} samples{}.",
+                       identified() == all ? "All" : fmt::format("{} of the", identified()), all, law_.name,
+                       p_.found.samples, source);
   }
 
   /// How well they fit, and what is not identifiable.
@@ -169,7 +171,7 @@ class Writer {
                         : lacks ? "use the law where it was measured only; more speeds, loads or temperatures "
                                   "identify the rest."
                                 : "use the law within its range.",
-              .identity = identity_of(options_, "")};
+              .identity = identity_of(options_, source_of("measurement", p_.data))};
     return o;
   }
 

@@ -184,7 +184,7 @@ class Writer {
                 .rule = "red when fewer than 80 % of the faults are named, amber with a false alarm.",
                 .tiles = std::move(tiles),
                 .action = "compare figures and tables with those of Zhou 2024.",
-                .identity = identity_of(options_, title_)});
+                .identity = identity_of(options_, "")});
     for (const auto& said : sentences) page_.add(to, "p", said);
     page_.add(
         to, "p",

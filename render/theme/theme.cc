@@ -88,7 +88,7 @@ std::string correlation(double r) {
   const double gap = 1 - std::abs(r);
   const int decimals = gap > 0 && gap < 0.005 ? std::min(5, static_cast<int>(std::ceil(-std::log10(gap)))) : 2;
   const std::string digits = fmt::format("{:.{}f}", std::abs(r), decimals);
-  return (r < 0 && digits != "0.00" ? "−" : "") + digits;
+  return (r < 0 && digits != "0.00" ? "-" : "") + digits;
 }
 
 std::string duration(double seconds) {

@@ -65,7 +65,7 @@ std::string printable(std::string_view text, bool keep_breaks = false);
 /// Round tick marks within from..to: about `count`.
 std::vector<double> ticks(double from, double to, int count);
 
-/// "−0.93", near 1 with enough digits to differ from 1: "0.9987"
+/// "-0.93", near 1 with enough digits to differ from 1: "0.9987"
 std::string correlation(double r);
 
 /// "12.30 s", "1 h 23 min 05 s"

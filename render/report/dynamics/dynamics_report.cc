@@ -89,8 +89,9 @@ class Writer {
     if (!bad.empty())
       rest = fmt::format("; {} {} badly explained", twin::joined(bad), bad.size() > 1 ? "are" : "is");
     else if (by_variation)
-      rest = fmt::format("; at most {} of a joint's variation is unexplained", percent(by_variation->of_variation));
-    return fmt::format("Torques are predicted within {} of their range (root mean square; worst: {}){}.",
+      rest = fmt::format("; {} of a joint's variation is unexplained (worst: {})", percent(by_variation->of_variation),
+                         by_variation->name);
+    return fmt::format("Torques are predicted to {} of their range (root mean square; worst: {}){}.",
                        percent(by_range->of_range), by_range->name, rest);
   }
 
@@ -150,7 +151,7 @@ class Writer {
                              100 * seldom, 100 * InBand::too_few),
          .tiles = std::move(tiles),
          .action = action(),
-         .identity = identity_of(options_, without_folder(data_.parameters))});
+         .identity = identity_of(options_, source_of("recording", data_.recordings))});
   }
 
   void notes() {

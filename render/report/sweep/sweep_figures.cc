@@ -200,7 +200,7 @@ Drawing importance(const SweepView& view, std::size_t output) {
   std::string caption =
       indices ? "Share of the variance that a factor causes: alone (first order), and with all its interactions "
                 "(total)."
-              : "Spearman's rank correlation: +1 where the output always rises with the factor, −1 where it always "
+              : "Spearman's rank correlation: +1 where the output always rises with the factor, -1 where it always "
                 "falls; a factor whose effect turns around shows less than it does.";
   caption += intervals ? " Whiskers: 95 % intervals." : " Without intervals: a grid is no sample.";
   if (all.size() > count) caption += fmt::format(" The {} largest of {}.", count, all.size());

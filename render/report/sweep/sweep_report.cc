@@ -98,7 +98,7 @@ class Writer {
         fmt::format("{} {}", indices ? "total Sobol' index" : "rank correlation", share_text(top.value));
     if (limits.there() && limits.low <= 0 && limits.high >= 0)
       return fmt::format("; no factor stands out: the largest, {}, may be without effect ({}).", top.name, what);
-    return fmt::format("; {} matters most ({}).", top.name, what);
+    return fmt::format("; of the factors, {} matters most ({}).", top.name, what);
   }
 
   std::string trouble() const {
@@ -143,8 +143,8 @@ class Writer {
     const Limits limits = limits_in(all.front().value);
     if (limits.there() && limits.low <= 0 && limits.high >= 0)
       return "make more runs, or vary more, where the leading factor has to be known.";
-    return fmt::format("to change {}, change {} first; to predict it, know that best.", view_.quantities[*first].name,
-                       all.front().name);
+    return fmt::format("to change {}, change the factor {} first; to predict it, know that best.",
+                       view_.quantities[*first].name, all.front().name);
   }
 
   std::vector<Tile> tiles() const {

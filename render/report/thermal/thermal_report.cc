@@ -24,7 +24,7 @@ constexpr double good_share = 0.05, bad_share = 0.25, good_K = 1;
 // Of a day's temperatures within their band; they are warmer or colder together, so that single days have far fewer
 // than 95 %.
 constexpr double few_inside = 0.5;
-constexpr double drawn_K = 100;  // half of the widest band that still shows anything beside it
+constexpr double least_room_K = 1;  // above and below curves in a figure that their band would flatten
 
 /// How well a joint's temperatures are predicted in all its sessions.
 struct Agreement {
@@ -34,7 +34,8 @@ struct Agreement {
   double inside = std::nan("");  ///< of the temperatures after the first of each session; NaN without bands
   double half_width_K = 0;       ///< the largest
   bool surprises() const { return inside < few_inside; }
-  double share() const { return rms_K / (high_degC - low_degC); }
+  double range_K() const { return high_degC - low_degC; }
+  double share() const { return rms_K / range_K(); }
   Light light() const {
     if (rms_K <= good_K || (share() <= good_share && !surprises())) return Light::green;
     return share() <= bad_share ? Light::amber : Light::red;
@@ -78,7 +79,19 @@ std::string digits(double v, int count) {
   return fmt::format("{:.{}f}", v, std::clamp(count - 1 - static_cast<int>(std::floor(std::log10(size))), 0, 9));
 }
 
-std::string unit_in_words(const std::string& unit) { return unit == "degC" ? "°C" : unit; }
+/// Where the band of `predicted` is far wider than both curves, limits of the axis around these. Returns whether the
+/// band leaves them.
+bool set_limits(Axis& axis, const Trace& recorded, const Trace& predicted) {
+  double low = std::numeric_limits<double>::infinity(), high = -low, widest_K = 0;
+  for (const auto* values : {&recorded.values, &predicted.values})
+    for (const double T : *values)
+      if (std::isfinite(T)) low = std::min(low, T), high = std::max(high, T);
+  for (const double half : predicted.half_width) widest_K = std::max(widest_K, std::isfinite(half) ? half : 0);
+  const double room_K = std::max(high - low, least_room_K);
+  if (widest_K <= room_K) return false;
+  axis.from = low - room_K, axis.to = high + room_K;
+  return true;
+}
 
 class Writer {
  public:
@@ -113,14 +126,22 @@ class Writer {
   std::string file_name(std::size_t f) const { return without_folder(data_.recordings.files[f]); }
 
   Light light() const { return worst_.light() == Light::green && !lacking_.empty() ? Light::amber : worst_.light(); }
+  bool nothing_identified() const { return lacking_.size() == data_.parameters.rows.size(); }
+
+  std::string identified_in_words() const {
+    const std::size_t all = data_.parameters.rows.size();
+    if (nothing_identified()) return fmt::format("None of the {} parameters is identified.", all);
+    return lacking_.empty() ? fmt::format("All {} parameters are identified.", all)
+                            : fmt::format("{} of {} parameters are identified.", all - lacking_.size(), all);
+  }
 
   std::string verdict() const {
     return fmt::format(
-        "Temperatures are predicted from the first one of each recording within {} (root mean square; largest error "
-        "{}); {} is worst, {} of its range, over {} of {}.{}",
-        kelvins(std::ranges::max(all_, {}, &Agreement::rms_K).rms_K),
+        "{} Temperatures are predicted from the first one of each recording within {} (root mean square; largest "
+        "error {}); {} is worst, {} of its range of {}, over {} of {}.{}",
+        identified_in_words(), kelvins(std::ranges::max(all_, {}, &Agreement::rms_K).rms_K),
         kelvins(std::ranges::max(all_, {}, &Agreement::largest_K).largest_K), worst_.joint, percent(worst_.share()),
-        duration(worst_.recorded_s), recordings_in_words(), band_in_words());
+        kelvins(worst_.range_K()), duration(worst_.recorded_s), recordings_in_words(), band_in_words());
   }
 
   std::string band_in_words() const {
@@ -144,6 +165,9 @@ class Writer {
           "do not use the model of {}: look at its figure below for heat that is not in the recording, "
           "another ambient temperature, or a change of the robot.",
           worst_.joint);
+    if (nothing_identified())
+      return "do not predict other warm-ups with these models: record longer, from cold and with a rest in between; "
+             "tribotwin thermal says what each parameter lacks.";
     if (!lacking_.empty())
       return "use the models for warm-ups as long and as hot as the recordings; for longer ones record longer, with "
              "a rest in between: tribotwin thermal says what each parameter lacks.";
@@ -161,9 +185,9 @@ class Writer {
     std::vector<Tile> tiles{
         {"worst joint", kelvins(worst_.rms_K),
          fmt::format("root mean square of {}, {} of its range", worst_.joint, percent(worst_.share())),
-         worst_.light() == Light::red     ? "bad"
-         : worst_.light() == Light::amber ? "warn"
-                                          : "good"},
+         light() == Light::red     ? "bad"
+         : light() == Light::amber ? "warn"
+                                   : "good"},
         {"hottest joint", fmt::format("{:.1f} °C", hottest.high_degC), hottest.joint},
         {"recorded", duration(longest.recorded_s),
          fmt::format("{} joint{}, {} file{}", all_.size(), all_.size() > 1 ? "s" : "", data_.recordings.files.size(),
@@ -178,7 +202,7 @@ class Writer {
                                     good_K, 100 * bad_share, good_K, 100 * good_share, good_K, 100 * few_inside),
                 .tiles = std::move(tiles),
                 .action = action(),
-                .identity = identity_of(options_, data_.file.stem().string())});
+                .identity = identity_of(options_, source_of("recording", data_.recordings.files))});
   }
 
   void agreements() {
@@ -190,8 +214,8 @@ class Writer {
         const auto [low, high] = std::ranges::minmax(session.temperature_degC);
         const PredictedSession& p = data_.predicted[k][s];
         rows.push_back({all_[k].joint, file_name(session.file),
-                        fmt::format("{:.1f} .. {:.1f}", session.time_s.front() / 60, session.time_s.back() / 60),
-                        fmt::format("{:.1f} .. {:.1f}", low, high), fmt::format("{:.3f}", p.rms_K),
+                        fmt::format("{:.1f} … {:.1f}", session.time_s.front() / 60, session.time_s.back() / 60),
+                        fmt::format("{:.1f} … {:.1f}", low, high), fmt::format("{:.3f}", p.rms_K),
                         high > low ? percent(p.rms_K / (high - low)) : "–", fmt::format("{:.3f}", p.largest_K),
                         p.half_width_K.empty() ? "–" : digits(std::ranges::max(p.half_width_K), 3),
                         p.half_width_K.empty() ? "–" : percent(p.inside), fmt::format("{}", session.time_s.size())});
@@ -261,22 +285,19 @@ class Writer {
           predicted =
               trace(k, file, "predicted", [&](auto s, auto i) { return data_.predicted[k][s].temperature_degC[i]; });
     recorded.mark = Mark::points;
-    const bool known = !data_.predicted[k].front().half_width_K.empty(),
-               drawn = known && all_[k].half_width_K <= drawn_K;
-    if (drawn)
+    if (!data_.predicted[k].front().half_width_K.empty())
       predicted.half_width =
           trace(k, file, "", [&](auto s, auto i) { return data_.predicted[k][s].half_width_K[i]; }).values;
     recorded.stroke = predicted.stroke = k;
+    Axis axis{.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"};
+    const bool clipped = set_limits(axis, recorded, predicted);
     const auto& name = all_[k].joint;
     return page_.show(
-        to,
-        history(name, {.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"},
-                std::vector{recorded, predicted}),
-        "temperature_" + name,
-        fmt::format("{}: temperatures recorded in {}, and predicted from the first one{}.", name, file_name(file),
-                    drawn   ? " with the band of 95 %"
-                    : known ? fmt::format("; its band of 95 %, up to ±{}, is not drawn", kelvins(all_[k].half_width_K))
-                            : ""));
+        to, history(name, axis, std::vector{recorded, predicted}), "temperature_" + name,
+        fmt::format(
+            "{}: temperatures recorded in {}, and predicted from the first one{}{}.", name, file_name(file),
+            predicted.half_width.empty() ? "" : " with the band of 95 %",
+            clipped ? fmt::format("; the band, up to ±{}, leaves the figure", kelvins(all_[k].half_width_K)) : ""));
   }
 
   Outcome recording(std::size_t file) {
@@ -305,8 +326,7 @@ class Writer {
       const auto& e = row.estimate;
       const bool number = row.identifiable && !std::isnan(e.sigma);
       rows.push_back(
-          {row.joint, e.name, row.identifiable ? digits(e.value, 4) : "–", number ? digits(e.sigma, 2) : "–",
-           unit_in_words(e.unit),
+          {row.joint, e.name, row.identifiable ? digits(e.value, 4) : "–", number ? digits(e.sigma, 2) : "–", e.unit,
            row.identifiable ? "" : fmt::format("not identifiable; {} fits, as do others", digits(e.value, 2))});
     }
     page_.add_table(to, {"joint", "parameter", "value", "standard deviation", "unit", "remark"}, rows);

@@ -436,7 +436,7 @@ TEST(Figures, MatrixShowsItsLowerHalf) {
   const Drawing d = drawing(f);
   EXPECT_EQ(std::ranges::count(d.texts, "Fc0"), 2);
   EXPECT_EQ(std::ranges::count(d.texts, "v_s"), 2);
-  for (const char* number : {"−0.93", "0.05", "0.999"})
+  for (const char* number : {"-0.93", "0.05", "0.999"})
     EXPECT_EQ(std::ranges::count_if(d.texts, [&](const std::string& t) { return t.find(number) != std::string::npos; }),
               1)
         << number;
@@ -517,7 +517,7 @@ TEST(Figures, DivergingTonesReadInGreyscale) {
   }
   EXPECT_EQ(diverging(0), theme::paper);
   EXPECT_EQ(correlation(-0.004), "0.00");
-  EXPECT_EQ(correlation(-0.99993), "−0.99993");
+  EXPECT_EQ(correlation(-0.99993), "-0.99993");
   EXPECT_EQ(correlation(1), "1.00");
 }
 

@@ -71,6 +71,9 @@ MEASURE = """(() => {
   }
   const ids = [...document.querySelectorAll('[id]')].map(e => e.id), images = [...document.images];
   const first = document.querySelector('main > h1 ~ #verdict');
+  // What is not in the page's language: another sign of numbers, units as programs spell them.
+  const leaves = [...document.querySelectorAll('main *')].filter(e => !e.closest('pre') && !e.children.length);
+  const foreign = leaves.map(e => e.textContent).filter(t => /(^|[^\\w])degC\\b|−\\d/.test(t));
   return {width: innerWidth, images: images.length,
     broken: images.filter(i => !i.complete || !i.naturalWidth).length,
     drawings: document.querySelectorAll('main svg.drawn').length,
@@ -81,7 +84,8 @@ MEASURE = """(() => {
         .includes('rgb(255, 255, 255)'))).length,
     overflow: document.documentElement.scrollWidth - innerWidth, wide: wide.map(named), hidden: hidden.map(named),
     scrolls: scrolls.map(named), verdict: first ? first.getBoundingClientRect().top + scrollY : null,
-    contrast: worst, where, texts, cut, over, torn, ids: ids.length - new Set(ids).size,
+    contrast: worst, where, texts, cut, over, torn, foreign,
+    opens: document.querySelector('main p:not(.identity)') === first, ids: ids.length - new Set(ids).size,
     scripts: document.scripts.length, title: document.title, text: document.body.innerText};
 })()"""
 
@@ -211,6 +215,8 @@ class Browser:
         )
         check(f"{name}: no table scrolls", not m["scrolls"], m["scrolls"])
         check(f"{name}: the verdict is in sight", m["verdict"] is not None and m["verdict"] < 400, m["verdict"])
+        check(f"{name}: the verdict is the first sentence", m["opens"])
+        check(f"{name}: one sign of numbers, and °C", not m["foreign"], m["foreign"][:5])
         check(
             f"{name}: contrast at least 4.5:1 in {m['texts']} texts",
             m["texts"] > 30 and m["contrast"] >= 4.5,

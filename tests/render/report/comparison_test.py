@@ -250,7 +250,7 @@ def take_run(n, folder):
     n.take(
         folder + ": the legend of health", "follow (1) or not (0)", "a gear class (1)", "its own (0)", "telemetry.h5"
     )
-    n.take(folder + ": remarks", *s["warnings"])
+    n.take(folder + ": remarks", *(w.replace("degC", "°C") for w in s["warnings"]))
     crossing = np.interp(38, warm, cycle_s)
     n.match(
         folder + ": where the law is clamped",
@@ -298,7 +298,7 @@ n.take("moments of the robot in 3-D", f"{len(robot['moments'])} moments from the
 n.take(
     "what the scenario is",
     "irb6620_warmup",
-    "IRB 6620 joint 2 working from a cold 25 degC room for two decay constants (6.08 h)",
+    "IRB 6620 joint 2 working from a cold 25 °C room for two decay constants (6.08 h)",
 )
 n.take(
     "what if",
@@ -373,7 +373,7 @@ for folder, section in zip(("healthy", "worn"), sections):
     n = Numbers(f"<main>{section}</main>", check)
     n.take(f"scenario of {folder}", re.sub(r"(?m)^model: .*/mjcf/", "model: mjcf/", content(folder + "/scenario.yaml")))
     take_run(n, folder)
-    n.take(f"what {folder} is", "IRB 6620 joint 2 working from a cold 25 degC room for two decay constants (6.08 h)")
+    n.take(f"what {folder} is", "IRB 6620 joint 2 working from a cold 25 °C room for two decay constants (6.08 h)")
     n.finish("comparison: " + folder)
 
 # ---- Pictures show the moment that they say, of a run of which most cycles were not computed.

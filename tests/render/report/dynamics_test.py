@@ -80,8 +80,8 @@ check(
 )
 check(
     "the verdict has the errors of predict",
-    f"within {percent(p['relative_to_range'])} of their range" in said["verdict"]
-    and f"at most {percent(p['verdict']['of_variation'])}" in said["verdict"],
+    f"to {percent(p['relative_to_range'])} of their range" in said["verdict"]
+    and f"{percent(p['verdict']['of_variation'])} of a joint's variation is unexplained" in said["verdict"],
     (said["verdict"], p["relative_to_range"], p["verdict"]["of_variation"]),
 )
 row = rows(page, "hinge")[0]

@@ -68,7 +68,7 @@ def drawing(page, label):
 
 def number(text):
     """As the page writes it: 1.30·10⁻⁴"""
-    mantissa, _, power = text.replace("−", "-").partition("·10")
+    mantissa, _, power = text.partition("·10")
     return float(mantissa) * 10 ** int(power.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")) or 0)
 
 
@@ -100,12 +100,13 @@ names = list(sigmas)
 if m:
     flat = re.sub(r"\s+", " ", m["text"])
     for what in (
-        "12 of the 12 parameters of law 'extended' were identified from 5808 samples of curves.csv",
+        "All 12 parameters of law 'extended' were identified from 5808 samples of curves.csv",
         "% of the variance of friction",
         "12 of 12",
-        "standstill friction at 0 degC, excess over Coulomb",
+        "standstill friction at 0 °C, excess over Coulomb",
         "tribotwin-report fit params.yaml --png --pdf",
         "law: extended",
+        "measurement: curves.csv · data of",
         "2000 of the 5808 samples are drawn",
         "all 5808 samples",
     ):
@@ -141,7 +142,7 @@ for name, value, sigma, interval, _ in rows:
 texts = drawing(page, "Correlation of the estimates")
 matrix = {a: [float(x) for x in correlation[a].strip("[]").split(",")] for a in names}
 cells = [("1" if i == k else "%.2f" % matrix[a][k]) for i, a in enumerate(names) for k in range(i + 1)]
-shown = [t.strip().replace("−", "-") for t in texts]
+shown = [t.strip() for t in texts]
 start = next((s for s in range(len(shown)) if shown[s : s + 3] == ["1", cells[1], "1"]), 0)
 equal = [
     abs(float(a) - float(b)) <= (0.0100001 if len(a) < 6 else 0.005)
@@ -215,7 +216,9 @@ check("the page says what bands are", "Bands: where the law is with 95 % confide
 
 # ---- Where the data are.
 os.makedirs(path("elsewhere"))
-r = run(report, "fit", os.path.join("..", "params.yaml"), "-o", "here.html", cwd=path("elsewhere"))
+named = ["--robot", "arm 7", "--serial-number", "12"]
+r = run(report, "fit", os.path.join("..", "params.yaml"), "-o", "here.html", *named, cwd=path("elsewhere"))
+check("the robot that the user names", "arm 7 · serial number 12 · data of" in content("elsewhere/here.html"))
 check(
     "data beside the parameter file",
     r.returncode == 0 and r.stderr == "" and "Residuals against speed" in content("elsewhere/here.html"),

@@ -66,7 +66,7 @@ check(
 largest = max(heat["rank_correlations"].items(), key=lambda x: abs(x[1]["value"]))
 check(
     "sweep: the verdict names what matters most",
-    f"{largest[0]} matters most (rank correlation {largest[1]['value']:.2f}, 95 %" in said,
+    f"of the factors, {largest[0]} matters most (rank correlation {largest[1]['value']:.2f}, 95 %" in said,
     (said, largest),
 )
 first = opening(content("runs/small/report.html"))

@@ -1,6 +1,6 @@
 """tribotwin-report thermal: the page in a real browser, its numbers against those of tribotwin thermal, recordings that
 the models have not seen or do not explain, a short one, a chain, wrong input. Arguments: tribotwin, its report."""
-import json, math, os, re, sys
+import html, json, math, os, re, sys
 
 import numpy as np
 
@@ -133,6 +133,16 @@ with open(path("known.yaml"), "w") as f:
     f.write(text.replace("deviation_K: 2", "deviation_K: 0.1"))
 run(report, "thermal", "known.yaml", "tuesday.csv", "-o", "known.html")
 check("another day: surroundings that are known make it narrow", "vary by 0.1 K" in content("known.html"))
+with open(path("vague.yaml"), "w") as f:
+    f.write(text.replace("deviation_K: 2", "deviation_K: 40"))
+run(report, "thermal", "vague.yaml", "tuesday.csv", "-o", "vague.html")
+wide = [f for f in re.findall(r"<figure.*?</figure>", content("vague.html"), re.S) if "leaves the figure" in f]
+check("a band that would flatten the curves leaves both figures", len(wide) == 2, len(wide))
+for figure in wide:
+    data = json.loads(html.unescape(re.search(r'data-figure="([^"]*)"', figure)[1]))
+    curves = [v for s in data["series"] if s["label"] in ("recorded", "predicted") for v in s["y"]]
+    height = data["y"]["to"] - data["y"]["from"]
+    check("its axis follows the curves", height < 3.01 * (max(curves) - min(curves)), (height, data["y"]))
 with open(path("earlier.yaml"), "w") as f:
     f.write(re.sub(r"    uncertainty:\n(      .*\n)+", "", text))
 run(report, "thermal", "earlier.yaml", "tuesday.csv", "-o", "earlier.html")
@@ -177,6 +187,20 @@ run(report, "thermal", "short.yaml", "-o", "short.html")
 short = content("short.html")
 said = opening(short)
 check("a short record: amber, and what to record", said["light"] == "Amber" and "record longer" in said["action"], said)
+count = sum(map(len, lacking.values()))
+check(
+    "a short record: the verdict says first how much is identified, and no number in the head is green",
+    said["verdict"].startswith(
+        "None of the 4 parameters is identified." if count == 4 else f"{4 - count} of 4 parameters"
+    )
+    and opening(own)["verdict"].startswith("All 4 parameters are identified.")
+    and 'value good">' not in short,
+    (said, count),
+)
+check(
+    "a short record: its identity is the recording, not the file of the models",
+    "recording: short.csv" in said["identity"],
+)
 check(
     "a short record: its parameters are no numbers",
     all(row[2] == "–" and row[3] == "–" for j in lacking for row in rows(short, j)[1:] if row[1] in lacking[j])

@@ -156,6 +156,22 @@ TEST_F(Bank, FalseAlarmsAreThoseAskedForColdToHotHoweverFewAreLearned) {
   }
 }
 
+/// A limit of two sigma is exceeded by some healthy curves: chance is then the likeliest cause of most.
+TEST_F(Bank, AHealthyCurveBeyondALimitSeldomHasACause) {
+  int anomalous = 0, blamed = 0, sure = 0;
+  for (int joint = 0; joint < 60; ++joint) {
+    const HealthyState h = state(20);
+    const auto seen = bench->measure(std::vector<Condition>(40, {.temperature_degC = medium}));
+    for (const Verdict& v : check(h, seen).value())
+      if (v.anomalous) ++anomalous, blamed += v.cause != nullptr, sure += v.cause && v.confidence > 0.95;
+  }
+  fmt::print("healthy curves: {} of 2400 beyond a limit, a cause named of {}, with more than 95 % of {}\n", anomalous,
+             blamed, sure);
+  EXPECT_GT(anomalous, 100);
+  EXPECT_LT(blamed, anomalous / 4);
+  EXPECT_LT(sure, anomalous / 50);
+}
+
 /// Why anomalies are not judged by the distance over all temperatures: what a cold start alone does to it.
 TEST_F(Bank, AtTheEndsOfTheTemperaturesTheDistanceOfPaper2IsMostlyTemperature) {
   const auto seen = bench->measure(std::vector<Condition>(600, {.temperature_degC = cold}));

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <ranges>
 
@@ -16,6 +17,7 @@ using namespace identification;
 
 constexpr double steady = 5;           ///< time constants until the steady state: 0.7 % are left
 constexpr double false_alarms = 0.01;  ///< share of campaigns without a change that report one
+constexpr double missed = 0.05;        ///< probability with which a change of size Findings::seen is not found
 
 bool identified(const ThermalFit& fit, const std::string& name) {
   return std::ranges::find(fit.unidentifiable, name) == fit.unidentifiable.end();
@@ -62,13 +64,15 @@ std::vector<Change> compared(const Campaign& c, std::size_t test, const WorkingD
         mean += m.value / n, variance += m.sigma * m.sigma / (n * n);
       }
       const Measured m = change_of(day, joint, cycle);
+      const double sigma = std::sqrt(variance + m.sigma * m.sigma);
       out.push_back({.robot = c.robot_of(test),
                      .day = c.day_of(test),
                      .cycle = cycle,
                      .joint = joint,
                      .expected = std::expm1(mean),
                      .found = std::expm1(m.value),
-                     .z = (m.value - mean) / std::sqrt(variance + m.sigma * m.sigma)});
+                     .sigma = sigma,
+                     .z = (m.value - mean) / sigma});
     }
   return out;
 }
@@ -86,9 +90,9 @@ bool is_changed(const Findings& f, std::size_t robot, std::size_t day) {
   return std::ranges::any_of(f.changes, [&](const Change& x) { return x.robot == robot && x.day == day; });
 }
 
-/// Changes beyond the threshold on a robot's days, and the days without one.
+/// All comparisons of a robot's days with earlier ones, and the days without a change.
 struct Days {
-  std::vector<Change> changes;
+  std::vector<Change> compared;
   std::vector<std::size_t> unchanged;
 };
 
@@ -99,9 +103,9 @@ Days days_of(const Campaign& c, const std::vector<WorkingDay>& days, std::size_t
     const WorkingDay& day = days[robot * c.days + d];
     std::vector<Change> changes;
     if (!earlier.empty()) changes = compared(c, robot * c.days + d, day, earlier);
-    std::erase_if(changes, [&](const Change& x) { return std::abs(x.z) < threshold; });
-    if (changes.empty()) earlier.push_back(&day), out.unchanged.push_back(d);
-    out.changes.insert(out.changes.end(), changes.begin(), changes.end());
+    if (std::ranges::none_of(changes, [&](const Change& x) { return std::abs(x.z) >= threshold; }))
+      earlier.push_back(&day), out.unchanged.push_back(d);
+    out.compared.insert(out.compared.end(), changes.begin(), changes.end());
   }
   return out;
 }
@@ -143,9 +147,14 @@ Result<Findings> find(const Campaign& c, const std::vector<WorkingDay>& days) {
     if (c.day_of(test) > 0) out.comparisons += (days[test].cycles.size() - 1) * days[test].warming.size();
   if (out.comparisons) out.threshold = normal_upper_quantile(false_alarms / 2 / static_cast<double>(out.comparisons));
   const auto names = joint_names(c);
+  double largest_sigma = 0;
   for (std::size_t robot = 0; robot < c.robots; ++robot) {
     const Days own = days_of(c, days, robot, out.threshold);
-    out.changes.insert(out.changes.end(), own.changes.begin(), own.changes.end());
+    for (const Change& x : own.compared) {
+      if (std::abs(x.z) >= out.threshold) out.changes.push_back(x);
+      const double sigma = std::isnan(x.z) ? std::numeric_limits<double>::infinity() : x.sigma;
+      if (sigma > largest_sigma) largest_sigma = sigma, out.seen_joint = x.joint;
+    }
     auto& joints = out.thermal.emplace_back();
     for (std::size_t j = 0; j < names.size(); ++j) {
       auto thermal = thermal_of(c, days, robot, j, names[j], own.unchanged);
@@ -153,7 +162,16 @@ Result<Findings> find(const Campaign& c, const std::vector<WorkingDay>& days) {
       joints.push_back(*std::move(thermal));
     }
   }
+  out.seen = std::expm1((out.threshold + normal_upper_quantile(missed)) * largest_sigma);
   return out;
+}
+
+std::string what_is_seen(const Campaign& c, const std::vector<WorkingDay>& days, const Findings& f) {
+  return fmt::format(
+      "A change of {:.3g} % from one cycle to the next is seen in {:.0f} % of cases ({}; smaller ones of other "
+      "joints), "
+      "none on the first day or after {:.2g} of a day's {:.2g} min.",
+      100 * f.seen, 100 * (1 - missed), joint_names(c)[f.seen_joint], seen_until_s(days) / 60, c.duration_s / 60);
 }
 
 Spread spread_of(const Campaign& c, const std::vector<WorkingDay>& days, const Findings& f, std::size_t robot,

@@ -17,7 +17,8 @@ struct Change {
   std::size_t robot = 0, day = 0, cycle = 0;  ///< from 0; the first cycle after the change
   std::size_t joint = 0;
   double expected = 0, found = 0;  ///< relative change of friction since the cycle before: on earlier days; here
-  double z = 0;                    ///< their difference over its standard deviation
+  double sigma = 0;                ///< standard deviation of the difference of their logarithms
+  double z = 0;                    ///< that difference over sigma
 };
 
 struct Thermal {
@@ -31,11 +32,19 @@ struct Findings {
   std::vector<Change> changes;
   std::size_t comparisons = 0;  ///< possible changes
   double threshold = 0;         ///< of |z|: 1 % of campaigns without a change report one
+  double seen = 0;              ///< relative change that the least certain comparison finds in 95 % of cases
+  std::size_t seen_joint = 0;   ///< whose comparison that is
 };
 
 /// `days` in the order of the tests. ErrorKind::work with the robot and joint from whose friction no thermal model is
 /// identifiable.
 Result<Findings> find(const Campaign& campaign, const std::vector<WorkingDay>& days);
+
+/// Time of the day [s] after which a change is compared with nothing: friction is measured once per cycle, early in it.
+inline double seen_until_s(const std::vector<WorkingDay>& days) { return days.front().cycles.back().start_s; }
+
+/// A sentence: the smallest change that is seen, of which joint and until when. Of findings with comparisons.
+std::string what_is_seen(const Campaign& campaign, const std::vector<WorkingDay>& days, const Findings& findings);
 
 /// Names in the order of the regressor's joints.
 std::vector<std::string> joint_names(const Campaign& campaign);

@@ -159,9 +159,9 @@ std::string summary(const Campaign& c, const std::vector<WorkingDay>& days, cons
         names[x.joint], 100 * x.found, 100 * x.expected, std::abs(x.z));
   s += f.comparisons ? fmt::format(
                            "{} of {} comparisons with earlier days are changes (beyond {:.2f} sigma, so that 1 % of "
-                           "unchanged campaigns report any)\n",
-                           f.changes.size(), f.comparisons, f.threshold)
-                     : "changes are not detectable: there are no earlier days\n";
+                           "unchanged campaigns report any)\n{}\n",
+                           f.changes.size(), f.comparisons, f.threshold, what_is_seen(c, days, f))
+                     : "changes are not detectable: that takes two days of two cycles\n";
   return s;
 }
 

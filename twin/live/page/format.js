@@ -13,7 +13,7 @@ export function rounded(value, unit) {
   if (unit === 'Nm' && Math.abs(value) >= 1e-6)
     digits = Math.min(6, Math.max(1, 3 - Math.floor(Math.log10(Math.abs(value)))));
   const text = unit ? value.toFixed(digits) : String(value);
-  return /[1-9]/.test(text) ? text.replace('-', '−') : text.replace('-', '');  // 0 has no sign
+  return /[1-9]/.test(text) ? text : text.replace('-', '');  // 0 has no sign
 }
 
 export const withUnit = (value, unit) => (isNumber(value) ? `${rounded(value, unit)} ${unitText(unit)}`.trim() : '–');

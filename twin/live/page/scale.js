@@ -14,7 +14,7 @@ export function ticks(from, to, count) {
   return out;
 }
 
-export const plain = (value) => String(Number(value.toPrecision(12))).replace('-', '−');
+export const plain = (value) => String(Number(value.toPrecision(12)));
 
 /// Around low..high with some room. The one before stays while all lies in it and uses half of it: lines do not jump.
 export function rangeAfter(before, low, high) {

@@ -148,7 +148,7 @@ export class Scene {
     byId('scene_marks').dataset.key = key;
     const digits = scale.marks[1] - scale.marks[0] < 1 ? 1 : 0;
     byId('scene_marks').replaceChildren(...scale.marks.map((mark) =>
-      element('span', { textContent: mark.toFixed(digits).replace('-', '−') })));
+      element('span', { textContent: mark.toFixed(digits) })));
   }
 
   /// Whether it is another one than at the last time: then the picture is drawn anew.

@@ -1,6 +1,7 @@
 """tribotwin lab for robots over working days, short ones, and its page. Arguments: tribotwin, source tree[,
 tribotwin-report]."""
-import csv, os, sys
+import csv, os, re, sys
+from statistics import NormalDist
 
 import numpy as np
 
@@ -24,6 +25,7 @@ def table(name):
 
 
 CAMPAIGN = f"""
+description: Two days, on the second of which joint3 breaks
 procedure: working_days
 model: {source}/mjcf/er3a_c60.xml
 robots: 1
@@ -120,13 +122,52 @@ refused(
 )
 check("nothing half-written", not os.path.exists(f"{work}/other"))
 
+# ---- A joint that breaks after the last friction of its day: nothing is found, and nobody is told that all is well.
+r = run("lab", "days.yaml", "-o", "late", "--set", "faults.0.time_s=420")
+late = re.search(r"A change of ([\d.]+) % from one cycle to the next is seen in 95 % of cases \((joint\d);", r.stdout)
+check(
+    "a late break: no change, and which one would have been seen until when",
+    r.returncode == 0 and "0 of 6 comparisons" in r.stdout and late and "after 4.2 of a day's 8.8 min" in r.stdout,
+    r.stdout,
+)
+level = list(csv.DictReader(open(f"{work}/late/friction.csv")))
+sigma = {}
+for joint in {f["joint"] for f in level}:
+    cycles = [f for f in level if f["joint"] == joint and f["cycle"] != "all"]
+    relative = [float(f["level_sigma_nm"]) / float(f["level_nm"]) for f in cycles]
+    sigma[joint] = np.sqrt(np.sum(np.square(relative)))  # two steps, each of two cycles
+least = max(sigma, key=sigma.get)
+smallest = 100 * np.expm1((NormalDist().inv_cdf(1 - 0.005 / 6) + NormalDist().inv_cdf(0.95)) * sigma[least])
+check(
+    "a late break: that change is the sigma of the least certain comparison",
+    late and late[2] == least and abs(float(late[1]) / smallest - 1) < 0.01,
+    (late and late.groups(), sigma, smallest),
+)
+
 if report:
+    sys.path.insert(0, os.path.join(source, "tests", "render", "report"))
+    from browser import Browser, opening
+
+    r = run("days", "late", "--quiet", which=report)
+    said = opening(open(f"{work}/late/report.html").read())
+    check(
+        "page of a late break: amber, with the smallest change that is seen, and what to do",
+        said["light"] == "Amber"
+        and late
+        and f"A change of {late[1]} %" in said["verdict"]
+        and "after 4.2 of a day's 8.8 min" in said["verdict"]
+        and "longer days" in said["action"],
+        said,
+    )
     r = run("days", "days", which=report)
     check("page", r.returncode == 0 and r.stdout.strip() == "days/report.html", (r.stdout, r.stderr))
     page = open(f"{work}/days/report.html").read()
-    sys.path.insert(0, os.path.join(source, "tests", "render", "report"))
-    from browser import Browser
-
+    said = opening(page)
+    check(
+        "page: verdict before all sentences, of the robot that the model names",
+        page.index('id="verdict"') < page.index("Two days") and said["identity"].startswith("EFORT ER3A-C60 ·"),
+        said,
+    )
     Browser(work, check).check_page("days", f"{work}/days/report.html", 0, 6 + 6 + 2 + 6)
     for what in (
         "friction of joint3 changed",
