@@ -104,6 +104,7 @@ Json json_of(const Observation& o, const Verdict& v) {
   j["pattern"] = v.pattern;
   j["severity"] = v.severity;
   j["confidence"] = v.confidence;
+  j["perhaps_healthy"] = v.perhaps_healthy;
   for (const auto& c : v.candidates) j["probabilities"][c.pattern ? c.pattern->name : "healthy"] = c.probability;
   for (Eigen::Index i = 0; i < feature_count; ++i)
     j["features"][feature_names[static_cast<std::size_t>(i)]] = o.features(i);

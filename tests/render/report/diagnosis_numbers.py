@@ -107,8 +107,11 @@ def sentence(h, i, o):
         if o[region]["anomalous"]
     ]
     said = f"{i}. {o['file']}, {o['temperature_degC']:.1f} °C: {' and '.join(far)} "
-    said += f"as far from healthy as a healthy curve may be. It looks like {MEANINGS[o['pattern']]}, {much(o)} "
-    said += f"(confidence {percent(o['confidence'])})."
+    said += "as far from healthy as a healthy curve may be. "
+    if o["perhaps_healthy"]:
+        said += f"Chance is likelier than any known cause (probability {percent(o['confidence'])})."
+    else:
+        said += f"It looks like {MEANINGS[o['pattern']]}, {much(o)} (confidence {percent(o['confidence'])})."
     if o["region1"]["anomalous"] and o["equivalent_load"] > 2 * o["equivalent_load_sigma"]:
         way = "beyond" if o["equivalent_load"] > o["equivalent_load_threshold"] else "short of"
         said += f" Its equivalent load is {share(h, o['equivalent_load'], ' of the maximum torque')}, "
