@@ -218,7 +218,9 @@ check("the page says what bands are", "Bands: where the law is with 95 % confide
 os.makedirs(path("elsewhere"))
 named = ["--robot", "arm 7", "--serial-number", "12"]
 r = run(report, "fit", os.path.join("..", "params.yaml"), "-o", "here.html", *named, cwd=path("elsewhere"))
-check("the robot that the user names", "arm 7 · serial number 12 · newest file written" in content("elsewhere/here.html"))
+check(
+    "the robot that the user names", "arm 7 · serial number 12 · newest file written" in content("elsewhere/here.html")
+)
 check(
     "data beside the parameter file",
     r.returncode == 0 and r.stderr == "" and "Residuals against speed" in content("elsewhere/here.html"),

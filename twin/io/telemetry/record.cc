@@ -142,6 +142,8 @@ Record create_record(const fs::path& path, const TelemetryOptions& o) {
   constexpr unsigned ordered = H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED;
   const Id access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose), file_properties(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
   check(H5Pset_libver_bounds(access, H5F_LIBVER_V110, H5F_LIBVER_V110));
+  // By default HDF5 keeps 1 MiB of chunks of every column, of which a writer needs only the last one.
+  check(H5Pset_cache(access, 0, 11, 4 * chunk_rows * sizeof(double), 1));
   check(H5Pset_link_creation_order(file_properties, ordered));
   check(H5Pset_attr_creation_order(file_properties, ordered));
   Record r;

@@ -11,6 +11,7 @@
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
+#include <malloc.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -53,6 +54,19 @@ class TelemetryTest : public testing::Test {
             .wall_clock_s = [this] { return clock_s; }};
   }
 };
+
+// A record of hours took as much memory as its file, up to 1 MiB for each column.
+TEST_F(TelemetryTest, ALongRecordTakesNoMoreMemoryThanAShortOne) {
+  auto t = Telemetry::create(file, options({"one", "two"}));
+  ASSERT_TRUE(t) << t.error().message;
+  std::size_t used = 0;
+  for (int i = 0; i < 100000; ++i) {
+    ASSERT_TRUE(t->append(i, Values{1, 2, 3, 4}));
+    if (i == 20000) used = ::mallinfo2().uordblks;
+  }
+  EXPECT_LT(::mallinfo2().uordblks, used + 200000);  // of 80,000 rows of 40 bytes
+  ASSERT_TRUE(t->finish());
+}
 
 TEST_F(TelemetryTest, ReadsBackWhatWasWritten) {
   auto o = options({"two", "one"});
