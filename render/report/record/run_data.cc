@@ -25,6 +25,16 @@ std::optional<std::string> text_of(const fs::path& file) {
   return text ? std::optional(std::move(*text)) : std::nullopt;
 }
 
+/// Of friction, over the samples; NaN without any.
+double mean_power_w(const JointHistory& j) {
+  double sum = 0, count = 0;
+  for (std::size_t i = 0; i < std::min(j.friction_nm.size(), j.velocity_rad_s.size()); ++i) {
+    const double power = std::abs(j.friction_nm[i] * j.velocity_rad_s[i]);
+    if (std::isfinite(power)) sum += power, ++count;
+  }
+  return sum / count;
+}
+
 void add_joints(RunData& run) {
   const auto drives = run.model() ? run.model()->drives() : std::span<const mujoco::Binding>();
   for (std::size_t i = 0; i < run.record.joints.size(); ++i) {
@@ -56,6 +66,7 @@ void add_joints(RunData& run) {
     for (const double v : joint.velocity_rad_s)
       if (std::isfinite(v)) joint.speed_max_rad_s = std::max(joint.speed_max_rad_s, std::abs(v));
     joint.moved = joint.speed_max_rad_s > 1e-3;
+    joint.friction_power_w = mean_power_w(joint);
     run.joints.push_back(std::move(joint));
   }
 }

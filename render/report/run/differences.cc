@@ -68,16 +68,9 @@ Keys keys_of(const RunData& run) {
   return keys;
 }
 
-/// Mean friction power over the samples of a joint; NaN without any.
-double mean_power_w(const RunData& run, const std::string& joint) {
+double friction_power_w(const RunData& run, const std::string& joint) {
   const auto j = std::ranges::find(run.joints, joint, &JointHistory::name);
-  if (j == run.joints.end()) return std::numeric_limits<double>::quiet_NaN();
-  double sum = 0, count = 0;
-  for (std::size_t i = 0; i < std::min(j->friction_nm.size(), j->velocity_rad_s.size()); ++i) {
-    const double power = std::abs(j->friction_nm[i] * j->velocity_rad_s[i]);
-    if (std::isfinite(power)) sum += power, ++count;
-  }
-  return sum / count;
+  return j == run.joints.end() ? std::numeric_limits<double>::quiet_NaN() : j->friction_power_w;
 }
 
 }  // namespace
@@ -113,7 +106,7 @@ std::vector<FrictionChange> friction_changes(std::span<const std::unique_ptr<Run
       if (!(joint.friction_rms_nm > 0) || !std::isfinite(other->friction_rms_nm)) continue;
       const bool slide = history != runs[r]->joints.end() && history->slide;
       changes.push_back({joint.name, r, joint.friction_rms_nm, other->friction_rms_nm, slide ? "N" : "Nm",
-                         mean_power_w(*runs[r], joint.name) - mean_power_w(*runs.front(), joint.name)});
+                         friction_power_w(*runs[r], joint.name) - friction_power_w(*runs.front(), joint.name)});
     }
   }
   return changes;
