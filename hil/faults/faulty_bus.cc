@@ -10,12 +10,9 @@ namespace tribotwin::hil {
 using K = FaultKind;
 
 FaultyBus::FaultyBus(Transport& bus, std::vector<Fault> faults, std::uint64_t seed, std::function<double()> time_s)
-    : Transport(bus.name()),
-      bus_(bus),
-      faults_(std::move(faults)),
-      random_(seed),
-      time_s_(std::move(time_s)),
-      told_(faults_.size()) {}
+    : Transport(bus.name()), bus_(bus), random_(seed), time_s_(std::move(time_s)) {
+  for (Fault& fault : faults) faults_.push_back({std::move(fault)});
+}
 
 double FaultyBus::now_s() const {
   const double simulated_s = time_s_();
@@ -34,7 +31,7 @@ void FaultyBus::look() const {
   news_ = true;
   holds_until_s_ = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < faults_.size(); ++i) {
-    const Fault& f = faults_[i];
+    const Fault& f = faults_[i].fault;
     if (is_due(f)) {
       due_.push_back(i);
       was_cut_ |= target_of(f.kind) == FaultTarget::link;
@@ -62,7 +59,7 @@ void FaultyBus::pass(const Frame& given, std::deque<Frame>& out) {
   int copies = 1;
   now_s();
   for (const std::size_t i : due_) {
-    const Fault& f = faults_[i];
+    const Fault& f = faults_[i].fault;
     if (target_of(f.kind) != FaultTarget::frames || !hits(f, frame)) continue;
     if (f.kind == K::drop || f.kind == K::silence) return;
     if (f.kind == K::delay)
@@ -85,7 +82,7 @@ Sent FaultyBus::send(const Frame& frame) {
 }
 
 bool FaultyBus::receive(Frame& frame) {
-  if (faults_.empty()) return bus_.receive(frame);
+  if (faults_.empty() && later_.empty() && ready_.empty()) return bus_.receive(frame);
   const std::int64_t now = clock_ns();
   for (auto it = later_.begin(); it != later_.end();) {
     if (it->at_ns > now) {
@@ -138,35 +135,29 @@ void FaultyBus::inject(Fault fault) {
   const double now = now_s();
   fault.to_s = now + (fault.to_s - fault.from_s);
   fault.from_s = now;
-  faults_.push_back(fault);
-  told_.push_back(false);
+  faults_.push_back({fault});
   look();
 }
 
-void FaultyBus::forget() {
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < faults_.size(); ++i) {
-    if (line_s_ >= faults_[i].to_s && !told_[i]) continue;
-    faults_[kept] = faults_[i];
-    told_[kept++] = told_[i];
-  }
-  faults_.resize(kept);
-  told_.resize(kept);
-  look();
+void FaultyBus::prolong_missed() {
+  for (auto& [fault, told] : faults_)
+    if (target_of(fault.kind) == FaultTarget::drive && !told && line_s_ >= fault.to_s)
+      fault.to_s = std::nextafter(line_s_, std::numeric_limits<double>::infinity());
 }
 
 std::vector<DriveFault> FaultyBus::changed(int first_node) {
   now_s();
   if (!news_) return {};
+  prolong_missed();
   std::vector<DriveFault> changes;
-  for (std::size_t i = 0; i < faults_.size(); ++i) {
-    const Fault& f = faults_[i];
+  for (auto& [f, told] : faults_) {
     const bool on = target_of(f.kind) == FaultTarget::drive && is_due(f);
-    if (on == told_[i]) continue;
-    told_[i] = on;
+    if (on == told) continue;
+    told = on;
     changes.push_back({f.kind, static_cast<std::size_t>(f.node - first_node), on, on ? f.temperature_degC : 0});
   }
-  forget();
+  std::erase_if(faults_, [this](const Listed& l) { return line_s_ >= l.fault.to_s && !l.told; });
+  look();
   news_ = false;
   return changes;
 }

@@ -28,7 +28,8 @@ class FaultyBus final : public Transport, public Pollable {
   bool is_full();
   /// A fault of this length begins now.
   void inject(Fault fault);
-  /// The faults of drives that begin or end now; ask when simulated time has advanced. Drives are counted on this bus.
+  /// The faults of drives that begin or end now; ask when simulated time has advanced. One that began and ended since
+  /// the last question begins now and ends at the next. Drives are counted on this bus.
   std::vector<DriveFault> changed(int first_node);
 
  private:
@@ -38,8 +39,8 @@ class FaultyBus final : public Transport, public Pollable {
   void look() const;
   bool is_due(const Fault& fault) const;
   bool hits(const Fault& fault, const Frame& frame);
-  /// Takes what is over from the list.
-  void forget();
+  /// Faults of drives that nobody was told of are not over yet.
+  void prolong_missed();
   /// Applies the faults to a frame: none, one or two frames now; a delayed one later.
   void pass(const Frame& frame, std::deque<Frame>& out);
   bool cut() const;
@@ -48,9 +49,13 @@ class FaultyBus final : public Transport, public Pollable {
     Frame frame;
     bool outgoing;
   };
+  struct Listed {
+    Fault fault;
+    bool told = false;  ///< of a drive: that it has begun
+  };
 
   Transport& bus_;
-  std::vector<Fault> faults_;
+  std::vector<Listed> faults_;  ///< those that are over are taken out
   std::mt19937_64 random_;
   std::function<double()> time_s_;
   mutable double line_s_ = 0, simulated_s_ = 0;
@@ -61,7 +66,6 @@ class FaultyBus final : public Transport, public Pollable {
   mutable bool news_ = true;              ///< due_ is not what was told by `changed`
   std::deque<Frame> ready_;
   std::deque<Later> later_;
-  std::vector<bool> told_;  ///< of each fault: that it has begun
 };
 
 }  // namespace tribotwin::hil

@@ -1,7 +1,7 @@
 """Records that something cut short: interrupted runs, killed runs, files cut at any byte. Whatever tribotwin recover
 makes of them are rows of the undisturbed run, bit by bit, and what it cannot read it leaves alone. Options:
 programs.py."""
-import random
+import glob, random
 
 from programs import *
 
@@ -111,6 +111,8 @@ def killed(wait):
     process = subprocess.Popen(
         [tribotwin, "run", inputs + "/scenario.yaml", "-o", "out", "--realtime", "--quiet", *SETTINGS], cwd=folder
     )
+    while not glob.glob(folder + "/out/telemetry.h5*"):
+        time.sleep(0.002)
     time.sleep(wait)
     process.kill()
     process.wait()
@@ -198,6 +200,6 @@ def cuts():
 kill_while_running("torn", 4, *SETTINGS)
 in_parallel(interrupted, [("SIGINT", signal.SIGINT, 0.4), ("SIGTERM", signal.SIGTERM, 2.0)])
 moments = random.Random(seed)
-in_parallel(killed, [moments.uniform(1.2, 4) for _ in range(12 if nightly else 4)])
+in_parallel(killed, [moments.uniform(1.2, 4) for _ in range(1000 if nightly else 4)], at_once=4)  # they mostly wait
 cuts()
 finish()

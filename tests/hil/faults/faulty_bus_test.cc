@@ -1,4 +1,6 @@
+#include <chrono>
 #include <cmath>
+#include <thread>
 
 #include <gtest/gtest.h>
 
@@ -48,6 +50,37 @@ TEST(FaultyBus, TellsWhenAnInjectedFaultOfADriveBeginsAndEnds) {
   b.time_s = 1.5;
   EXPECT_FALSE(b.bus.is_full());  // forgets those that are over, but for one whose end was not told yet
   EXPECT_EQ(b.bus.changed(1), std::vector{off});
+}
+
+TEST(FaultyBus, AFaultOfADriveThatIsShorterThanAStepIsToldAllTheSame) {
+  Bus b;
+  const Fault shorter{.kind = FaultKind::encoder_freeze, .from_s = 0.0011, .to_s = 0.0015, .node = 2};
+  FaultyBus bus(*b.ours, {shorter, {.kind = FaultKind::silence, .to_s = 0.0005, .node = 3}}, 1,
+                [&b] { return b.time_s; });
+  const DriveFault on{FaultKind::encoder_freeze, 1, true, shorter.temperature_degC},
+      off{FaultKind::encoder_freeze, 1, false, 0};
+  const std::vector<DriveFault> nothing;
+  for (const auto& [time_s, told] :
+       {std::pair{0., nothing}, {0.001, nothing}, {0.002, {on}}, {0.002, nothing}, {0.003, {off}}, {0.004, nothing}}) {
+    b.time_s = time_s;
+    EXPECT_EQ(bus.changed(1), told) << time_s;
+  }
+}
+
+TEST(FaultyBus, ADelayedFrameArrivesThoughItsFaultIsOver) {
+  for (const bool outgoing : {true, false}) {
+    Bus b;
+    FaultyBus bus(*b.ours, {{.kind = FaultKind::delay, .to_s = 1, .delay_s = 1e-3}}, 1, [&b] { return b.time_s; });
+    Transport &from = outgoing ? static_cast<Transport&>(bus) : *b.theirs, &to = outgoing ? *b.theirs : bus;
+    from.send({.id = 0x183});
+    Frame frame;
+    EXPECT_FALSE(bus.receive(frame));  // a delayed frame leaves or arrives when somebody asks for frames
+    b.time_s = 2;
+    EXPECT_TRUE(bus.changed(1).empty());
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    const bool received = bus.receive(frame);
+    EXPECT_TRUE(outgoing ? to.receive(frame) : received) << outgoing;
+  }
 }
 
 TEST(FaultyBus, TakesOnlySoManyAtOnce) {
