@@ -2,7 +2,7 @@
 any of them in a folder of its own, and the judgement of what it left there.
 
 Options: --tribotwin, --hil, --report (may be left out where it is not built), --source, --shim; --all for the long
-form, --only WORD for the commands whose name holds it, --keep to leave the folder."""
+form, --only WORD for the commands whose name holds it, --kills N for recover_test.py, --keep to leave the folder."""
 import argparse, collections, concurrent.futures, contextlib, dataclasses, json, logging, os, re, shutil, signal
 import sqlite3, subprocess, sys, threading, time
 
@@ -17,6 +17,7 @@ for option in ("--tribotwin", "--hil", "--report", "--source", "--shim", "--mach
     parser.add_argument(option, default="")
 for option in ("--all", "--keep"):
     parser.add_argument(option, action="store_true")
+parser.add_argument("--kills", type=int)
 options = parser.parse_args()
 programs = {
     name: path and os.path.abspath(path)

@@ -200,6 +200,7 @@ def cuts():
 kill_while_running("torn", 4, *SETTINGS)
 in_parallel(interrupted, [("SIGINT", signal.SIGINT, 0.4), ("SIGTERM", signal.SIGTERM, 2.0)])
 moments = random.Random(seed)
-in_parallel(killed, [moments.uniform(1.2, 4) for _ in range(1000 if nightly else 4)], at_once=4)  # they mostly wait
+kills = options.kills or (250 if nightly else 4)
+in_parallel(killed, [moments.uniform(1.2, 4) for _ in range(kills)], at_once=4)  # they mostly wait
 cuts()
 finish()
