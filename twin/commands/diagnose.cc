@@ -145,11 +145,11 @@ Result<Exit> check_curves(const Arguments& a) {
       anomalous |= v.anomalous;
       j["observations"].push_back(json_of(o, v));
       table += fmt::format(
-          "{:<5} {:>7} {:>10.3f} {:>10.3f} {:>7.2f}{} {:>10.3f} {:>10.3f} {:>7.2f}{} {:>11.3f}  {:<15} {:.2f}\n",
+          "{:<5} {:>7} {:>10.3f} {:>10.3f} {:>7.2f}{} {:>10.3f} {:>10.3f} {:>7.2f}{} {:>11.3f}  {:<15} {}\n",
           j["observations"].size(), o.temperature_degC ? fmt::format("{:.1f}", *o.temperature_degC) : "-",
           v.region[0].distance, v.region[0].statistic, v.region[0].limit, v.region[0].anomalous ? "!" : " ",
           v.region[1].distance, v.region[1].statistic, v.region[1].limit, v.region[1].anomalous ? "!" : " ",
-          v.load.load_norm, v.pattern, v.confidence);
+          v.load.load_norm, v.pattern, probability_text(v.confidence));
       sentences += v.sentence + "\n";
     }
   }

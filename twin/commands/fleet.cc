@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/commands/program.hpp>
+#include <tribotwin/twin/diagnosis/check.hpp>
 #include <tribotwin/twin/diagnosis/fleet/database/database.hpp>
 #include <tribotwin/twin/diagnosis/fleet/learning/learning.hpp>
 #include <tribotwin/twin/diagnosis/fleet/survey.hpp>
@@ -213,7 +214,7 @@ TextTable table_of(const Survey& s, bool check) {
     const auto& f = l.finding;
     table.add({fmt::format("{}", i + 1), l.joint.robot, l.joint.joint, std::string(f.pattern),
                f.pattern == "unknown" ? "-" : fmt::format("{:.3g}", f.severity),
-               f.unit == "1" ? "relative" : std::string(f.unit), fmt::format("{:.2f}", f.confidence),
+               f.unit == "1" ? "relative" : std::string(f.unit), diagnosis::probability_text(f.confidence),
                fmt::format("{:+.1f}", 100 * f.friction_change), fmt::format("{:.3g}", f.margin),
                fmt::format("{:.3g} .. {:.3g}", f.margin_low, f.margin_high), fmt::format("{:.2g}", l.q),
                check       ? fmt::format("{}", l.observations)
