@@ -7,6 +7,7 @@
 
 #include <tribotwin/plugins/mujoco/callbacks.hpp>
 #include <tribotwin/plugins/mujoco/engine.hpp>
+#include <tribotwin/plugins/mujoco/memory.hpp>
 
 namespace tribotwin::mujoco {
 namespace {
@@ -152,6 +153,7 @@ void install_message_handlers() {
     std::fflush(nullptr);
     std::_Exit(1);
   };
+  watch_memory();
 }
 
 }  // namespace tribotwin::mujoco

@@ -10,6 +10,7 @@
 
 #include <tribotwin/plugins/mujoco/engine.hpp>
 #include <tribotwin/plugins/mujoco/loader.hpp>
+#include <tribotwin/plugins/mujoco/memory.hpp>
 #include <tribotwin/plugins/mujoco/source.hpp>
 
 namespace tribotwin::mujoco {
@@ -266,16 +267,20 @@ Result<ModelPtr> compile(const std::string& mjcf, const std::string&, const std:
     return tl::unexpected(std::string("the model text is too large"));
   std::memcpy(vfs->filedata[mj_findFileVFS(vfs.get(), name)], mjcf.data(), mjcf.size());
   char error[1000] = "";
+  const MemoryCheck memory;
   ModelPtr model(mj_loadXML(name, vfs.get(), error, sizeof error));
   mj_deleteVFS(vfs.get());
+  memory.pass();
   if (!model) return tl::unexpected(std::string(error));
   return model;
 }
 #else
 Result<ModelPtr> compile(const std::string& text, const std::string& file, const std::filesystem::path& folder) {
   char error[1000] = "";
+  const MemoryCheck memory;
   if (!file.empty()) {
     ModelPtr model(mj_loadXML(file.c_str(), nullptr, error, sizeof error));
+    memory.pass();
     if (!model) return tl::unexpected(std::string(error));
     return model;
   }
@@ -285,6 +290,7 @@ Result<ModelPtr> compile(const std::string& text, const std::string& file, const
   mj_addBufferVFS(vfs.get(), name.c_str(), text.data(), static_cast<int>(text.size()));
   ModelPtr model(mj_loadXML(name.c_str(), vfs.get(), error, sizeof error));
   mj_deleteVFS(vfs.get());
+  memory.pass();
   if (!model) return tl::unexpected(std::string(error));
   return model;
 }

@@ -201,9 +201,9 @@ class Calibration {
   const VariantTwins::Candidate* candidate(const Job& job, const VectorXd& z) {
     auto values = job.posterior.values(z);
     if (job.fit.variant == made_of_ && values == made_values_) return made_ ? &*made_ : nullptr;
-    made_of_ = job.fit.variant, made_values_ = values;
-    auto made = twins_[*made_of_].candidate(std::move(values));
+    auto made = twins_[job.fit.variant].candidate(values);  // may throw: what is kept stays the one before
     made_ = made ? std::optional(*std::move(made)) : std::nullopt;
+    made_of_ = job.fit.variant, made_values_ = std::move(values);
     return made_ ? &*made_ : nullptr;
   }
 

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <limits>
 #include <mutex>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <pugixml.hpp>
@@ -20,10 +19,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// Not through a stream, which swallows a lack of memory.
+struct TextWriter : pugi::xml_writer {
+  std::string text;
+  void write(const void* data, std::size_t size) override { text.append(static_cast<const char*>(data), size); }
+};
+
 std::string text_of(const pugi::xml_document& document) {
-  std::ostringstream text;
-  document.save(text, "  ");
-  return text.str();
+  TextWriter writer;
+  document.save(writer, "  ");
+  return std::move(writer.text);
 }
 
 void absolute_folders(pugi::xml_node root, const fs::path& folder) {
