@@ -291,7 +291,7 @@ class Writer {
                     has_samples() ? fmt::format(" Points: {}.", drawn_of(points.size(), rows.size())) : ""));
   }
 
-  const ParameterUncertainty* band() const { return uncertainty_ ? &*uncertainty_ : nullptr; }
+  const friction::Uncertainty* band() const { return uncertainty_ ? &*uncertainty_ : nullptr; }
 
   std::string band_text() const {
     if (uncertainty_) return " Bands: where the law is with 95 % confidence, by the covariance of its parameters.";
@@ -339,7 +339,7 @@ class Writer {
     const double T = temperature_.low, l = load_.low;
     return show_what_if(page_, fit_.drive, speed_max_,
                         law_.temperature_dependent ? Choice{T, temperature_.high} : Choice{T, T},
-                        law_.load_dependent ? Choice{l, load_.high} : Choice{l, l});
+                        law_.load_dependent ? Choice{l, load_.high} : Choice{l, l}, band());
   }
 
   Outcome residuals() {
@@ -456,7 +456,7 @@ class Writer {
   double speed_max_;  ///< joint side [rad/s]
   Input load_, temperature_;
   std::vector<std::size_t> known_;  ///< parameters with a sigma
-  std::optional<ParameterUncertainty> uncertainty_ = uncertainty_of(p_);
+  std::optional<friction::Uncertainty> uncertainty_ = uncertainty_of(p_);
 };
 
 }  // namespace
