@@ -134,7 +134,7 @@ class Chart {
   sample(series) {
     const svg = drawn('svg', { class: 'sample', viewBox: '0 0 26 10', 'aria-hidden': 'true' });
     const area = ['area', 'bars', 'band'].includes(series.mark), points = /points|error/.test(series.mark);
-    const stroke = this.colour(series);
+    const stroke = series.mark === 'band' && series.shade.length ? 'currentColor' : this.colour(series);
     const line = { d: 'M0 5H26', 'stroke-width': 2, 'stroke-dasharray': this.dash(series) };
     const outline = outlines[series.shape];
     const dot = { d: 'M13 5' + (outline ? outline(3.5) : 'h0'), fill: 'none', 'stroke-linecap': 'round',

@@ -101,6 +101,10 @@ check(
     ],
     (row, p),
 )
+check(
+    "columns of numbers are set right, those of units are not",
+    page.count('<th class="number" scope="col">value</th>') == 1 and page.count('<th scope="col">unit</th>') == 2,
+)
 friction = {row[2]: row for row in rows(page, "hinge")[1:] if row[1] == "coulomb_viscous"}
 check(
     "friction with standard deviations and units, near the truth",
@@ -237,7 +241,7 @@ check(
 with open(path("predicted.csv"), "w") as f:
     f.write("time_s,torque_other_nm\n0,1\n")
 refused = lambda name, says: check_refused(name, run(report, "dynamics", "predicted.json", "-o", "x.html"), says)
-refused("another robot's table", ["predicted.csv", "moving_hinge"])
+refused("another robot's table", ["predicted.csv", "has no torque_hinge_nm; give the table of the same"])
 for name, text in (("no JSON", "{"), ("another JSON", '{"joints": {}}')):
     with open(path("predicted.json"), "w") as f:
         f.write(text)
