@@ -353,8 +353,7 @@ class Chart {
       });
       if (best < 0) continue;
       taken = series.x[best];
-      const value = shown(series.y[best]) + this.spread(series, best) + unitOf(this.data.y);
-      lines.push(this.row(series, best, `${series.label} ${value}`));
+      lines.push(this.row(series, best, `${series.label} ${this.valueAt(series, best)}`));
     }
     this.say(`${this.data.x.quantity} ${shown(lines.length === 1 ? taken : time)}${unitOf(this.data.x)}`, lines,
       this.px(time), this.box.top);
@@ -362,14 +361,15 @@ class Chart {
     this.cursor.setAttribute('d', `M${x} ${top}V${top + height}`);
   }
 
-  /// " ± 0.3" of a point with an error, or of a line where there is a band around it.
-  spread(series, k) {
-    if (series.error[k]) return ` ± ${shown(series.error[k])}`;
-    const { data } = this;
+  /// "36.4 ± 0.3 °C" of a point with an error, "36.4 ± 0.3 °C (95 %)" of a line with a band around it.
+  valueAt(series, k) {
+    const { data } = this, unit = unitOf(data.y), y = series.y[k];
+    if (series.error[k]) return `${shown(y)} ± ${shown(series.error[k])}${unit}`;
     const around = data.series.slice(0, data.series.indexOf(series)).findLast(({ mark, stroke, x }) =>
       mark === 'band' && (series.shade.length || stroke === series.stroke) && x.includes(series.x[k]));
-    if (series.mark !== 'line' || !around) return '';
-    return ` ± ${plain(Number((around.y[around.x.indexOf(series.x[k])] - series.y[k]).toPrecision(2)))}`;
+    if (series.mark !== 'line' || !around) return shown(y) + unit;
+    const half = around.y[around.x.indexOf(series.x[k])] - y;
+    return `${shown(y)} ± ${plain(Number(half.toPrecision(2)))}${unit} (95 %)`;
   }
 
   row(series, k, text) {
@@ -389,8 +389,7 @@ class Chart {
       });
     if (!best) return this.leave();
     const { series, k } = best, { data } = this, px = this.px(series.x[k]), py = this.py(series.y[k]);
-    const value = shown(series.y[k]) + this.spread(series, k) + unitOf(data.y);
-    const lines = [this.row(series, k, `${data.y.quantity} ${value}`)];
+    const lines = [this.row(series, k, `${data.y.quantity} ${this.valueAt(series, k)}`)];
     const shade = series.shade[series.shade.length > 1 ? k : 0];
     if (shade !== undefined)
       lines.push(node('div', {}, `${data.colour.quantity} ${shown(shade)}${unitOf(data.colour)}`));

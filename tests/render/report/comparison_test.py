@@ -289,7 +289,10 @@ def take_run(n, folder):
             f"Law 'extended' at {np.median(degrees):.1f} °C. Points: samples of the run within "
             f"{max(0.05 * np.ptp(degrees), 0.25):.2g} K of that.",
         )
-    n.take(folder + ": the surface", f"Law 'extended' at a load of {np.median(visited['joint2'][0]):.3f}.")
+    n.take(
+        folder + ": the surface",
+        f"Law 'extended' at a load of {np.median(visited['joint2'][0]):.3f} of the maximum torque.",
+    )
     n.take(
         folder + ": how it was made",
         f"MuJoCo {s['engine']['version']}\n",

@@ -204,7 +204,7 @@ for number, key in ((0, "End"), (1, "Home")):
     moved = [a != b for a, b in zip(before, now)]
     check(f"slider {number} moves line and band", moved == [True, False, True, False], moved)
 tip = tab.value("(" + HOVER.replace("[1], at", "[2], at") + ")(0.7)")
-spread = re.search(r"motor speed ([\d.]+) rad/s\s+friction torque [\d.]+ ± ([\d.]+)", tip)
+spread = re.search(r"motor speed ([\d.]+) rad/s\s+friction torque [\d.]+ ± ([\d.]+) \(95 %\)", tip)
 if check("the pointer finds line and half the band's width", spread, tip):
     T, load = tab.value(SHOWN)["inputs"]
     expected = half_width(np.array([float(spread.group(1))]), load, T)[0]
