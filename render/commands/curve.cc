@@ -45,8 +45,8 @@ struct Subject {
   drive::Drive drive;
   ReadOptions read;  ///< of measured points
   bool slide = false;
-  std::optional<ParameterUncertainty> uncertainty{};  ///< of an identified law
-  const ParameterUncertainty* band() const { return uncertainty ? &*uncertainty : nullptr; }
+  std::optional<friction::Uncertainty> uncertainty{};  ///< of an identified law
+  const friction::Uncertainty* band() const { return uncertainty ? &*uncertainty : nullptr; }
 };
 
 Subject identified_law(const Arguments& a) {

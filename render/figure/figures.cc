@@ -58,7 +58,7 @@ void add_bands(Figure& f, const Series& line, std::span<const double> half_width
 
 /// A curve of the law and, below it, its band. `shade` is empty where the figure has no colour axis.
 void add_law(Figure& f, const drive::Drive& drive, double speed_max, double load, double temperature,
-             std::vector<double> shade, const ParameterUncertainty* uncertainty) {
+             std::vector<double> shade, const friction::Uncertainty* uncertainty) {
   const LawAxes axes(drive);
   Series curve = law_series(drive, axes, speed_max, load, temperature);
   if (shade.empty()) curve.stroke = 0;
@@ -66,7 +66,9 @@ void add_law(Figure& f, const drive::Drive& drive, double speed_max, double load
   if (uncertainty) {
     std::vector<double> half;
     for (const double x : curve.x)
-      half.push_back(axes.per_nm * half_width_nm(drive, *uncertainty, x / axes.per_joint_rad_s, load, temperature));
+      half.push_back(
+          axes.per_nm * drive.torque_scale_nm() *
+          half_width(drive.law, *uncertainty, x / axes.per_joint_rad_s * drive.speed_scale(), load, temperature));
     f.series.push_back(band_around(curve, half, true, f.series.empty()));
     f.series.back().stroke = 0;
   }
@@ -157,30 +159,6 @@ LawAxes::LawAxes(const drive::Drive& drive) {
   per_nm = parts ? 1 / drive.torque_max_nm : 1;
 }
 
-double half_width_nm(const drive::Drive& drive, const ParameterUncertainty& uncertainty, double speed, double load,
-                     double temperature) {
-  const auto values = drive.law.values();
-  const std::size_t n = values.size();
-  Eigen::VectorXd slope = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(n));
-  Eigen::MatrixXd covariance(slope.size(), slope.size());
-  for (std::size_t i = 0; i < n; ++i) {
-    const auto row = static_cast<Eigen::Index>(i);
-    for (std::size_t k = 0; k < n; ++k) covariance(row, static_cast<Eigen::Index>(k)) = uncertainty.covariance[i][k];
-    const double sigma = std::sqrt(covariance(row, row));
-    if (!(sigma > 0)) continue;
-    const double step = std::max(0.05 * sigma, 1e-6 * std::abs(values[i]));
-    const auto friction = [&](double change) {
-      std::vector<double> changed(values.begin(), values.end());
-      changed[i] += change;
-      drive::Drive other = drive;
-      other.law = friction::with_parameters(drive.law, changed);
-      return mujoco::friction_nm(other, speed, load, temperature);
-    };
-    slope[row] = (friction(step) - friction(-step)) / (2 * step);
-  }
-  return uncertainty.sigmas * std::sqrt(std::max(0.0, slope.dot(covariance * slope)));
-}
-
 Figure in_units_of(Figure law, bool slide) {
   for (Axis* axis : {&law.x, &law.y, law.z ? &*law.z : nullptr}) {
     if (!slide || !axis) continue;
@@ -192,7 +170,7 @@ Figure in_units_of(Figure law, bool slide) {
 
 Figure friction_against_temperature(const drive::Drive& drive, const std::string& title, double speed_max,
                                     double load_norm, std::span<const double> temperatures,
-                                    std::span<const FrictionPoint> points, const ParameterUncertainty* uncertainty) {
+                                    std::span<const FrictionPoint> points, const friction::Uncertainty* uncertainty) {
   const LawAxes axes(drive);
   Figure f{.title = title, .x = axes.speed, .y = axes.friction};
   f.colour = Axis{.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"};
@@ -208,7 +186,7 @@ Figure friction_against_temperature(const drive::Drive& drive, const std::string
 
 Figure friction_against_load(const drive::Drive& drive, const std::string& title, double speed_max, double temperature,
                              std::span<const double> loads, std::span<const FrictionPoint> points,
-                             const ParameterUncertainty* uncertainty) {
+                             const friction::Uncertainty* uncertainty) {
   const LawAxes axes(drive);
   Figure f{.title = title, .x = axes.speed, .y = axes.friction};
   f.colour = axes.load;
@@ -223,7 +201,7 @@ Figure friction_against_load(const drive::Drive& drive, const std::string& title
 }
 
 Figure friction_against_speed(const drive::Drive& drive, const std::string& title, double speed_max, double load_norm,
-                              std::span<const FrictionPoint> points, const ParameterUncertainty* uncertainty) {
+                              std::span<const FrictionPoint> points, const friction::Uncertainty* uncertainty) {
   const LawAxes axes(drive);
   Figure f{.title = title, .x = axes.speed, .y = axes.friction};
   add_law(f, drive, speed_max, load_norm, 0, {}, uncertainty);

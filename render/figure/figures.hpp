@@ -6,6 +6,7 @@
 #include <span>
 
 #include <tribotwin/plugins/drive/drive.hpp>
+#include <tribotwin/plugins/friction/uncertainty.hpp>
 #include <tribotwin/render/figure/figure.hpp>
 
 /// The figures of reports, measurements and identifications, from their values.
@@ -29,29 +30,21 @@ struct LawAxes {
 /// The figure of a drive's law with the units of its joint: where that is a slide, m/s and N.
 Figure in_units_of(Figure law, bool slide);
 
-/// How sure the parameters of a law are, for bands of 95 % around its curves.
-struct ParameterUncertainty {
-  std::vector<std::vector<double>> covariance;  ///< in the law's order; 0 of those that are given
-  double sigmas = 1.96;                         ///< half the width of a 95 % interval
-};
-/// Half the width of that band, by error propagation along the law as it is evaluated.
-double half_width_nm(const drive::Drive& drive, const ParameterUncertainty& uncertainty, double speed_rad_s,
-                     double load_norm, double temperature_degC);
-
 /// The law over speed at several temperatures, with points coloured by theirs. speed_max is joint side [rad/s].
+/// `uncertainty`: of the law, for a band of 95 % around each curve; null: none.
 Figure friction_against_temperature(const drive::Drive& drive, const std::string& title, double speed_max_rad_s,
                                     double load_norm, std::span<const double> temperatures_degC,
                                     std::span<const FrictionPoint> points = {},
-                                    const ParameterUncertainty* uncertainty = nullptr);
+                                    const friction::Uncertainty* uncertainty = nullptr);
 /// The law over speed at several loads (at most eight), with points coloured by theirs.
 Figure friction_against_load(const drive::Drive& drive, const std::string& title, double speed_max_rad_s,
                              double temperature_degC, std::span<const double> loads_norm,
                              std::span<const FrictionPoint> points = {},
-                             const ParameterUncertainty* uncertainty = nullptr);
+                             const friction::Uncertainty* uncertainty = nullptr);
 /// The law over speed at one load, for laws that do not depend on temperature.
 Figure friction_against_speed(const drive::Drive& drive, const std::string& title, double speed_max_rad_s,
                               double load_norm, std::span<const FrictionPoint> points = {},
-                              const ParameterUncertainty* uncertainty = nullptr);
+                              const friction::Uncertainty* uncertainty = nullptr);
 /// The law over speed and temperature.
 Figure friction_surface(const drive::Drive& drive, const std::string& title, double speed_max_rad_s, double load_norm,
                         double temperature_from_degC, double temperature_to_degC);

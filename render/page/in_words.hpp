@@ -1,8 +1,12 @@
 #pragma once
 
+#include <algorithm>
+#include <cctype>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <string>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -13,6 +17,40 @@ namespace tribotwin::render {
 inline std::string percent(double share) {
   if (std::isnan(share)) return "–";
   return share < 1e-3 ? "less than 0.1 %" : fmt::format("{:.{}f} %", 100 * share, share < 0.1 ? 1 : 0);
+}
+
+/// "10⁻⁵" of -5.
+inline std::string power_of_ten(int power) {
+  static constexpr const char* digits[] = {"⁰", "¹", "²", "³", "⁴", "⁵", "⁶", "⁷", "⁸", "⁹"};
+  std::string out = power < 0 ? "10⁻" : "10";
+  for (const char c : std::to_string(std::abs(power))) out += digits[c - '0'];
+  return out;
+}
+
+/// A number as fmt writes it, with its power of ten typeset: "1.30e-05" is "1.30·10⁻⁵".
+inline std::string typeset(std::string number) {
+  const auto e = number.find('e');
+  const std::string power = e == std::string::npos ? "" : "·" + power_of_ten(std::stoi(number.substr(e + 1)));
+  number.resize(std::min(e, number.size()));
+  if (number.ends_with('.')) number.pop_back();
+  return number + power;
+}
+
+/// "kg m²" of "kg m^2"; other powers stay.
+inline std::string with_superscripts(std::string text) {
+  for (const auto& [power, written] : {std::pair{"^2", "²"}, std::pair{"^3", "³"}})
+    for (auto at = text.find(power); at != text.npos; at = text.find(power, at + 1)) {
+      const bool unit = at > 0 && std::isalpha(static_cast<unsigned char>(text[at - 1])) &&
+                        (at + 2 == text.size() || !std::isalnum(static_cast<unsigned char>(text[at + 2])));
+      if (unit) text.replace(at, 2, written);
+    }
+  return text;
+}
+
+/// "2.75900 ± 0.00067" to the second digit of sigma, a number > 0.
+inline std::string with_sigma(double value, double sigma) {
+  const int decimals = std::clamp(1 - static_cast<int>(std::floor(std::log10(sigma))), 0, 9);
+  return fmt::format("{:.{}f} ± {:.{}f}", value, decimals, sigma, decimals);
 }
 
 /// "slow" of "runs/slow/", "robot.yaml" of "laws/robot.yaml".

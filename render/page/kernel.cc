@@ -1,5 +1,8 @@
-/// The module of what_if.js: clang compiles this file, plugins/friction/level.cc and
+/// The module of what_if.js: clang compiles this file, level.cc and uncertainty.cc of plugins/friction, and
 /// plugins/thermal/rise.cc for the browser.
+#include <array>
+#include <bit>
+
 #include <tribotwin/render/page/kernel.hpp>
 
 namespace {
@@ -7,6 +10,8 @@ namespace {
 using namespace tribotwin;
 
 render::kernel::Numbers numbers;
+/// Of friction::Uncertainty, as zeros: its own defaults would be 7 kB of the module.
+std::array<double, sizeof(friction::Uncertainty) / sizeof(double)> uncertainty;
 
 render::kernel::WarmUp joint;
 render::kernel::Warming warming;
@@ -36,6 +41,16 @@ int law_size() { return sizeof numbers; }
 /// breakaway level. Finite for every input.
 double friction_level(double speed_rad_s, double load_norm, double temperature_degC) {
   return level(speed_rad_s, load_norm, temperature_degC).total();
+}
+
+/// Where the page writes how sure the law is, and how many bytes that has.
+void* uncertainty_numbers() { return &uncertainty; }
+int uncertainty_size() { return sizeof uncertainty; }
+
+/// Half the width of its band there [unit of the law].
+double friction_half_width(double speed_rad_s, double load_norm, double temperature_degC) {
+  return friction::half_width(law(), std::bit_cast<friction::Uncertainty>(uncertainty), speed_rad_s, load_norm,
+                              temperature_degC);
 }
 
 /// Where the page writes a joint that repeats its work cycle, and how many bytes it has.

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/plugins/friction/uncertainty.hpp>
 #include <tribotwin/plugins/thermal/thermal.hpp>
 
 /// Our own functions, compiled for browsers: a page that lets its reader change a value computes by them, never by a
@@ -18,6 +19,8 @@ struct Numbers {
   double temperature_dependent = 0, load_dependent = 0;  ///< 1: yes
 };
 static_assert(sizeof(Numbers) % sizeof(double) == 0 && alignof(Numbers) == alignof(double));
+
+static_assert(sizeof(friction::Uncertainty) % sizeof(double) == 0 && alignof(friction::Uncertainty) == alignof(double));
 
 inline Numbers numbers_of(const friction::Law& law) {
   return {.law = law.general_law,

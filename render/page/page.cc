@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <gio/gio.h>
 
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/page/page.hpp>
 #include <tribotwin/render/page/script.hpp>
 #include <tribotwin/render/theme/theme.hpp>
@@ -65,7 +66,7 @@ main { max-width: 1240px; margin: 0 auto; padding: 32px 24px 48px; }
 h1 { font-size: 1.75rem; line-height: 1.2; margin: 0 0 .3rem; overflow-wrap: anywhere; }
 h2 { font-size: 1.35rem; margin: 2.6rem 0 .2rem; overflow-wrap: anywhere; }
 h3 { font-size: 1.05rem; margin: 1.8rem 0 .6rem; overflow-wrap: anywhere; }
-.verdict { font-size: 1.2rem; max-width: 68ch; }
+.verdict { text-wrap: balance; font-size: 1.2rem; max-width: 68ch; }
 #verdict { font-size: 1.3rem; font-weight: 600; line-height: 1.35; margin: .5rem 0; }
 .identity { margin: 0; }
 .lamp::before { content: ""; display: inline-block; width: .8em; height: .8em; border-radius: 50%; margin-right: .45em;
@@ -264,12 +265,40 @@ void prefix_ids(pugi::xml_node node, const std::string& prefix) {
 
 /// A table of more columns becomes a list of rows where the window is narrow.
 constexpr std::size_t columns_of_a_phone = 2, columns_of_a_tablet = 4;
+constexpr std::size_t longest_head = 20;  ///< in one piece
+
+/// Numbers as programs write them, "8.4e-05", with a typeset power; part of a name they stay.
+std::string with_typeset_powers(const std::string& text) {
+  static const std::regex number(R"((^|[^\w.])(\d[\d.]*)e([-+]\d\d\d?)(?=$|[ ,;)…\n]|\. |\.$))");
+  std::string out;
+  auto rest = text.begin();
+  for (std::sregex_iterator found(text.begin(), text.end(), number), end; found != end; ++found) {
+    out.append(rest, text.begin() + found->position());
+    out += found->str(1) + found->str(2) + "·" + power_of_ten(std::stoi(found->str(3)));
+    rest = text.begin() + found->position() + found->length();
+  }
+  return out.append(rest, text.end());
+}
+
+/// Text of programs as readers know it: the word degC is °C, s^2 is s², 8.4e-05 is 8.4·10⁻⁵. Part of a name it stays.
+std::string in_print(std::string text) {
+  static const std::regex degrees(R"((^|\W)degC\b)");
+  if (text.find("degC") != text.npos) text = std::regex_replace(text, degrees, "$1°C");
+  text = with_superscripts(std::move(text));
+  if (text.find("e-") != text.npos || text.find("e+") != text.npos) text = with_typeset_powers(text);
+  return text;
+}
+
+/// The dots of a long dotted name, joints.hinge.temperature_degC.end say, are no ends of words.
+std::string head_in_print(const std::string& text) {
+  return text.size() > longest_head ? with_typeset_powers(with_superscripts(text)) : in_print(text);
+}
 
 /// A head with places where a long dotted name, joints.hinge.temperature_degC.end say, may go on in the next line.
-pugi::xml_node add_head(pugi::xml_node to, const std::string& text, const char* kind = nullptr) {
-  constexpr std::size_t longest = 20;
-  auto head = Page::add(to, "th", text.size() > longest ? "" : text, kind);
-  if (text.size() <= longest) return head;
+pugi::xml_node add_head(pugi::xml_node to, const std::string& name, const char* kind = nullptr) {
+  auto head = Page::add(to, "th", name.size() > longest_head ? "" : name, kind);
+  if (name.size() <= longest_head) return head;
+  const std::string text = head_in_print(name);
   std::size_t from = 0;
   for (std::size_t i = 1; i + 1 < text.size(); ++i)
     if (text[i] == '.' && g_ascii_isalpha(text[i - 1]) && g_ascii_isalpha(text[i + 1])) {
@@ -295,20 +324,27 @@ const char* class_of(Width width) {
   return nullptr;
 }
 
+/// What says nothing about what a column holds.
+bool says_nothing(std::string_view cell) { return cell.empty() || cell == "–" || cell == "*" || cell == "none"; }
+
+/// "-0.3", "+13.6 %", "± 4.4 %", "> 99 %", "less than 0.1 %"; "1/K" and "6620-104417" are none.
 bool numeric(std::string_view cell) {
-  return !cell.empty() &&
-         (g_ascii_isdigit(cell[0]) ||
-          ((cell[0] == '-' || cell[0] == '+') && cell.size() > 1 && g_ascii_isdigit(cell[1])) || cell == "–");
+  static const std::regex number(R"((± ?|[<>] ?|less than )?[-+]?\d[\d.]*(?![-/\d.])|\d{4}-\d\d-\d\d)");
+  return std::regex_search(cell.begin(), cell.end(), number, std::regex_constants::match_continuous);
 }
 
+/// Whether at least half of what a column says are numbers.
 bool holds_numbers(const std::vector<std::vector<std::string>>& rows, std::size_t column) {
-  return std::ranges::any_of(
-      rows, [&](const auto& row) { return column < row.size() && row[column] != "–" && numeric(row[column]); });
+  std::size_t numbers = 0, words = 0;
+  for (const auto& row : rows)
+    if (column < row.size() && !says_nothing(row[column])) ++(numeric(row[column]) ? numbers : words);
+  return numbers > 0 && numbers >= words;
 }
 
 /// Whether a cell stays on one line: "2026-03-15", and, where a table has not many columns, "+13.6 %" and "1.47 MJ".
 bool stays_whole(std::string_view cell, std::size_t columns) {
   constexpr std::size_t longest = 10, many_columns = 8;
+  if (cell.starts_with("± ")) cell.remove_prefix(std::string_view("± ").size());
   const auto blank = cell.find(' ');
   const bool one_unit = blank != cell.npos && cell.find(' ', blank + 1) == cell.npos && cell.size() - blank <= 4;
   const bool date = cell.size() == 10 && cell[4] == '-' && cell[7] == '-';
@@ -351,14 +387,6 @@ std::string without_folders(const std::string& text) {
   }
   return out;
 }
-
-namespace {
-/// Text of programs as readers know it: the word degC is °C. Part of a name it stays.
-std::string in_print(const std::string& text) {
-  static const std::regex unit(R"((^|\W)degC\b)");
-  return text.find("degC") == text.npos ? text : std::regex_replace(text, unit, "$1°C");
-}
-}  // namespace
 
 pugi::xml_node Page::add(pugi::xml_node to, const char* tag, std::string_view text, const char* kind) {
   auto node = to.append_child(tag);
@@ -447,7 +475,7 @@ void Page::add_table(pugi::xml_node to, const std::vector<std::string>& head,
         std::string of = kind(i) ? kind(i) : "";
         if (stays_whole(row[i], row.size())) of += of.empty() ? "whole" : " whole";
         auto cell = add(line, "td", row[i].empty() ? "–" : row[i], of.empty() ? nullptr : of.c_str());
-        if (many) cell.append_attribute("data-label") = printable(head[i]).c_str();
+        if (many) cell.append_attribute("data-label") = printable(head_in_print(head[i])).c_str();
       }
   }
 }

@@ -8,6 +8,12 @@ const across_px = 70, down_px = 45;  // between marks
 const digits = 5;
 const charts = [];
 
+/// Outlines of marks that are not dots, about where the pen is.
+const outlines = {
+  circle: (r) => `m${-r} 0a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0`,
+  cross: (r) => `m${-r} ${-r}l${2 * r} ${2 * r}m0 ${-2 * r}l${-2 * r} ${2 * r}`,
+};
+
 function node(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
@@ -58,6 +64,7 @@ class Chart {
     const data = JSON.parse(figure.dataset.figure);
     Object.assign(this, { figure, data, hidden: new Set(), view: null, pixels: 0 });
     this.overTime = data.x.quantity.startsWith('time') && data.x.unit in seconds;
+    this.counts = data.series.every(({ x }) => x.every((at) => at === null || Number.isInteger(at)));
     this.perUnit_s = data.x.quantity === 'time' ? seconds[data.x.unit] : undefined;  // those look at the same time
     this.svg = drawn('svg', { class: 'live', tabindex: 0, role: 'img',
       'aria-label': figure.querySelector('svg').getAttribute('aria-label') });
@@ -127,9 +134,11 @@ class Chart {
   sample(series) {
     const svg = drawn('svg', { class: 'sample', viewBox: '0 0 26 10', 'aria-hidden': 'true' });
     const area = ['area', 'bars', 'band'].includes(series.mark), points = /points|error/.test(series.mark);
-    const stroke = this.colour(series);
+    const stroke = series.mark === 'band' && series.shade.length ? 'currentColor' : this.colour(series);
     const line = { d: 'M0 5H26', 'stroke-width': 2, 'stroke-dasharray': this.dash(series) };
-    const dot = { d: 'M13 5h0', 'stroke-width': 6, 'stroke-linecap': 'round' };
+    const outline = outlines[series.shape];
+    const dot = { d: 'M13 5' + (outline ? outline(3.5) : 'h0'), fill: 'none', 'stroke-linecap': 'round',
+      'stroke-width': outline ? 1.6 : series.shape === 'disc' ? 8 : 6 };
     svg.append(area ? drawn('path', { d: 'M1 1h24v8h-24z', stroke, fill: stroke, 'fill-opacity': 0.3 })
       : drawn('path', { stroke, ...(points ? dot : line) }));
     return svg;
@@ -203,7 +212,7 @@ class Chart {
     const right = this.data.colour ? 78 : 14;
     this.box = { left, top: 8, width: Math.max(40, width - left - right), height: height - 54 };
     const room = Math.max(across_px, 9 * 1.4 * Math.max(...ticks(...this.x, 4).map((at) => plain(at).length)));
-    marks.x = ticks(...this.x, Math.max(1, this.box.width / room));
+    marks.x = ticks(...this.x, Math.max(1, this.box.width / room)).filter((x) => !this.counts || Number.isInteger(x));
     this.svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
     const clip = `clip${charts.indexOf(this)}`, { top } = this.box;
     const frame = drawn('clipPath', { id: clip });
@@ -285,20 +294,19 @@ class Chart {
 
   points(series) {
     const { x, y, error, shape } = series, many = series.mark === 'points' && x.length > 1000, byColour = new Map();
-    const round = { circle: (r) => `m${-r} 0a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0`,
-      cross: (r) => `m${-r} ${-r}l${2 * r} ${2 * r}m0 ${-2 * r}l${-2 * r} ${2 * r}` }[shape];
+    const outline = outlines[shape];
     for (let k = 0; k < x.length; ++k) {
       if (x[k] === null || y[k] === null) continue;
       const colour = this.colour(series, k), at = `M${this.px(x[k]).toFixed(1)} ${this.py(y[k]).toFixed(1)}`;
       const spread = error[k] ? `M${this.px(x[k]).toFixed(1)} ${this.py(y[k] - error[k]).toFixed(1)}` +
         `V${this.py(y[k] + error[k]).toFixed(1)}` : '';
       const before = byColour.get(colour) ?? ['', ''];
-      byColour.set(colour, [before[0] + at + (round ? round(4) : 'h0'), before[1] + spread]);
+      byColour.set(colour, [before[0] + at + (outline ? outline(4) : 'h0'), before[1] + spread]);
     }
     const dot = many ? 2.6 : shape === 'disc' ? 8 : 4.5;
     return [...byColour].flatMap(([stroke, [d, bars]]) => [
       drawn('path', { d: bars, stroke, 'stroke-width': 1.2 }),
-      drawn('path', { d, stroke, 'stroke-width': round ? 1.6 : dot, 'stroke-linecap': 'round',
+      drawn('path', { d, stroke, 'stroke-width': outline ? 1.6 : dot, 'stroke-linecap': 'round',
         'stroke-opacity': many ? 0.45 : 1 })]);
   }
 
@@ -337,7 +345,7 @@ class Chart {
     const lines = [];
     let taken = time;
     for (const series of this.visible()) {
-      if (series.mark === 'reference' || !series.label) continue;
+      if (['reference', 'band'].includes(series.mark) || !series.label) continue;
       let best = -1;
       series.x.forEach((x, k) => {
         if (x === null || series.y[k] === null) return;
@@ -345,12 +353,23 @@ class Chart {
       });
       if (best < 0) continue;
       taken = series.x[best];
-      lines.push(this.row(series, best, `${series.label} ${shown(series.y[best])}${unitOf(this.data.y)}`));
+      lines.push(this.row(series, best, `${series.label} ${this.valueAt(series, best)}`));
     }
     this.say(`${this.data.x.quantity} ${shown(lines.length === 1 ? taken : time)}${unitOf(this.data.x)}`, lines,
       this.px(time), this.box.top);
     const { top, height } = this.box, x = this.px(time).toFixed(1);
     this.cursor.setAttribute('d', `M${x} ${top}V${top + height}`);
+  }
+
+  /// "36.4 ± 0.3 °C" of a point with an error, "36.4 ± 0.3 °C (95 %)" of a line with a band around it.
+  valueAt(series, k) {
+    const { data } = this, unit = unitOf(data.y), y = series.y[k];
+    if (series.error[k]) return `${shown(y)} ± ${shown(series.error[k])}${unit}`;
+    const around = data.series.slice(0, data.series.indexOf(series)).findLast(({ mark, stroke, x }) =>
+      mark === 'band' && (series.shade.length || stroke === series.stroke) && x.includes(series.x[k]));
+    if (series.mark !== 'line' || !around) return shown(y) + unit;
+    const half = around.y[around.x.indexOf(series.x[k])] - y;
+    return `${shown(y)} ± ${plain(Number(half.toPrecision(2)))}${unit} (95 %)`;
   }
 
   row(series, k, text) {
@@ -370,8 +389,7 @@ class Chart {
       });
     if (!best) return this.leave();
     const { series, k } = best, { data } = this, px = this.px(series.x[k]), py = this.py(series.y[k]);
-    const spread = series.error[k] ? ` ± ${shown(series.error[k])}` : '';
-    const lines = [this.row(series, k, `${data.y.quantity} ${shown(series.y[k])}${spread}${unitOf(data.y)}`)];
+    const lines = [this.row(series, k, `${data.y.quantity} ${this.valueAt(series, k)}`)];
     const shade = series.shade[series.shade.length > 1 ? k : 0];
     if (shade !== undefined)
       lines.push(node('div', {}, `${data.colour.quantity} ${shown(shade)}${unitOf(data.colour)}`));
@@ -437,8 +455,8 @@ function number(text) {
   const lowered = [...text].map(plainOf);
   const ascii = lowered.join('').trim(), time = /^(?:(\d+) h )?(\d+) min (\d+) s/.exec(ascii);
   if (time) return 3600 * (time[1] ?? 0) + 60 * time[2] + Number(time[3]);
-  const found = /^[+-]?[\d.]+(?:·10(-?\d+)|e([+-]?\d+))?/.exec(ascii);
-  return found ? parseFloat(ascii) * 10 ** (found[1] ?? 0) : NaN;
+  const found = /^(?:± ?|[<>] ?|less than )?([+-]?[\d.]+)(?:(?:·10|e)([+-]?\d+))?/.exec(ascii);
+  return found ? parseFloat(found[1]) * 10 ** (found[2] ?? 0) : NaN;
 }
 
 function sortable(table) {

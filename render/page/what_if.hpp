@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/plugins/drive/drive.hpp>
+#include <tribotwin/plugins/friction/uncertainty.hpp>
 #include <tribotwin/render/page/illustrated.hpp>
 #include <tribotwin/twin/live/page.hpp>
 
@@ -34,10 +35,10 @@ struct Slider {
 void add_sliders(IllustratedPage& page, pugi::xml_node grid, const char* kind, std::span<const Slider> sliders,
                  std::span<const std::string_view> numbers, const nlohmann::json& more = nullptr);
 
-/// A section with the law over speed. Sliders move its curve to another temperature [degC] and load [-]; the values
-/// come from the kernel. Without scripts the curve stays at the middle of both. Shows nothing where there is nothing to
-/// choose, or no kernel. `speed_max_rad_s`: joint side.
+/// A section with the law over speed. Sliders move its curve to another temperature [degC] and load [-], with its band
+/// of 95 % where `uncertainty` is not null; the values come from the kernel. Without scripts the curve stays at the
+/// middle of both. Shows nothing where there is nothing to choose, or no kernel. `speed_max_rad_s`: joint side.
 Result<void> show_what_if(IllustratedPage& page, const drive::Drive& drive, double speed_max_rad_s, Choice temperature,
-                          Choice load);
+                          Choice load, const friction::Uncertainty* uncertainty = nullptr);
 
 }  // namespace tribotwin::render

@@ -1,18 +1,29 @@
 // What if: sliders that move curves. Their values come from our own kernel, compiled for the browser (kernel.cc).
 const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
-/// A law over speed at another temperature and load.
+/// A law over speed at another temperature and load, with its band where the page knows how sure the law is.
 class LawCurve {
-  constructor({ chart, kernel, numbers: [law], label }) {
+  constructor({ chart, kernel, numbers: [law, uncertainty], label }) {
     Object.assign(this, { chart, kernel, label });
-    this.moved = chart.data.series.findIndex(({ mark }) => mark === 'line');
+    const { series } = chart.data;
+    this.moved = series.findIndex(({ mark }) => mark === 'line');
+    this.band = series.findIndex(({ mark }) => mark === 'band');
     new Uint8Array(kernel.memory.buffer, kernel.law_numbers(), kernel.law_size()).set(bytes(law));
+    if (uncertainty)
+      new Uint8Array(kernel.memory.buffer, kernel.uncertainty_numbers(), kernel.uncertainty_size())
+        .set(bytes(uncertainty));
   }
 
   move(temperature, load) {
-    const { chart, moved, kernel } = this;
-    const y = chart.data.series[moved].x.map((v) => kernel.friction_level(v, load, temperature));
-    chart.change([[moved, y, this.label()]]);
+    const { chart, moved, band, kernel } = this, { series } = chart.data, { x } = series[moved];
+    const y = x.map((v) => kernel.friction_level(v, load, temperature));
+    const curves = [[moved, y, this.label()]];
+    if (band >= 0) {
+      const half = x.map((v) => kernel.friction_half_width(v, load, temperature));
+      const low = y.map((at, k) => Math.max(0, at - half[k]));
+      curves.push([band, [...y.map((at, k) => at + half[k]), ...low.reverse()], series[band].label]);
+    }
+    chart.change(curves);
   }
 }
 

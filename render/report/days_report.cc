@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/figure/figures.hpp>
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/report/days_report.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
@@ -337,8 +338,9 @@ class Writer {
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     for (const std::size_t p : best_identified()) {
       const auto& parameter = base_.parameters[p];
-      Figure figure{
-          .title = parameter.name, .x = over_tests(), .y = {.quantity = parameter.name, .unit = parameter.unit}};
+      Figure figure{.title = parameter.name,
+                    .x = over_tests(),
+                    .y = {.quantity = parameter.name, .unit = with_superscripts(parameter.unit)}};
       for (std::size_t robot = 0; robot < c_.robots; ++robot) {
         figure.series.push_back(evolution(robot, fmt::format("robot {}", robot + 1),
                                           [&](const Cycle& k) -> const Measured& { return k.base[p]; }));
@@ -370,7 +372,7 @@ class Writer {
       row = {base_.parameters[p].name, base_.parameters[p].unit};
       for (std::size_t robot = 0; robot < c_.robots; ++robot) {
         const Spread s = spread_of(c_, data_.results.days, f_, robot, p);
-        row.push_back(fmt::format("{:.4g} ± {:.2g}", s.mean, s.sigma));
+        row.push_back(s.sigma > 0 ? with_sigma(s.mean, s.sigma) : fmt::format("{:.4g}", s.mean));
         const double simulated = day(robot, 0).base_of_robot[p];  // of what cancels, rounding is left
         row.push_back(std::abs(simulated) < 1e-12 ? "0" : fmt::format("{:.4g}", simulated));
         row.push_back(share(s.over_a_day ? s.over_days : std::nullopt));

@@ -92,24 +92,26 @@ drive::Drive drawn_drive(const ParameterFile& file) {
   return drive;
 }
 
-std::optional<ParameterUncertainty> uncertainty_of(const ParameterFile& file) {
+std::optional<friction::Uncertainty> uncertainty_of(const ParameterFile& file) {
   const std::size_t n = file.law.info->parameters.size();
   if (file.found.parameters.size() < n || file.found.covariance.rows() < static_cast<Eigen::Index>(n))
     return std::nullopt;
-  ParameterUncertainty u{.covariance = std::vector(n, std::vector<double>(n)), .sigmas = 0};
+  std::vector covariance(n, std::vector<double>(n));
+  double interval_sigmas = 0;
   for (std::size_t i = 0; i < n; ++i) {
     const auto& e = file.found.parameters[i];
     if (e.status == twin::identification::Status::fixed) continue;  // given
     if (!(e.sigma > 0) || !std::isfinite(e.high - e.low)) return std::nullopt;
-    u.sigmas = std::max(u.sigmas, (e.high - e.low) / (2 * e.sigma));
+    interval_sigmas = std::max(interval_sigmas, (e.high - e.low) / (2 * e.sigma));
     for (std::size_t k = 0; k < n; ++k) {
       const double both = file.found.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k));
       if (file.found.parameters[k].status == twin::identification::Status::fixed) continue;
       if (!std::isfinite(both)) return std::nullopt;
-      u.covariance[i][k] = both;
+      covariance[i][k] = both;
     }
   }
-  return u.sigmas > 0 ? std::optional(u) : std::nullopt;
+  if (!(interval_sigmas > 0)) return std::nullopt;
+  return friction::make_uncertainty(file.law, covariance, interval_sigmas);
 }
 
 std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin::identification::Samples& s,

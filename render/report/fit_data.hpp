@@ -39,7 +39,7 @@ drive::Drive drawn_drive(const twin::identification::ParameterFile& file);
 
 /// For bands around its curves. Nothing where no parameter has a sigma, or one that was looked for has none: then
 /// nobody knows how sure the curve is.
-std::optional<ParameterUncertainty> uncertainty_of(const twin::identification::ParameterFile& file);
+std::optional<friction::Uncertainty> uncertainty_of(const twin::identification::ParameterFile& file);
 
 /// Those rows of measured friction, for a drive with the law they were read for.
 std::vector<FrictionPoint> friction_points(const drive::Drive& drive, const twin::identification::Samples& samples,

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/page/what_if.hpp>
 #include <tribotwin/render/report/fit_report.hpp>
 #include <tribotwin/render/theme/theme.hpp>
@@ -15,23 +16,8 @@ namespace {
 using Outcome = Result<void>;
 using twin::identification::ParameterFile, twin::identification::Status;
 
-constexpr std::size_t curve_points = 300;
+constexpr std::size_t curve_points = 300, tiles_max = 5;
 
-std::string power_of_ten(int power) {
-  static constexpr const char* digits[] = {"⁰", "¹", "²", "³", "⁴", "⁵", "⁶", "⁷", "⁸", "⁹"};
-  std::string out = power < 0 ? "10⁻" : "10";
-  for (const char c : std::to_string(std::abs(power))) out += digits[c - '0'];
-  return out;
-}
-
-/// A number as fmt writes it, with its power of ten typeset: "1.30e-05" is "1.30·10⁻⁵".
-std::string typeset(std::string number) {
-  const auto e = number.find('e');
-  const std::string power = e == std::string::npos ? "" : "·" + power_of_ten(std::stoi(number.substr(e + 1)));
-  number.resize(std::min(e, number.size()));
-  if (number.ends_with('.')) number.pop_back();
-  return number + power;
-}
 std::string significant(double v, int digits = 3) {
   return v == 0 ? "0" : typeset(fmt::format("{:#.{}g}", v, std::clamp(digits, 1, 9)));
 }
@@ -47,6 +33,9 @@ double quantile(std::vector<double> v, double share) {
   std::ranges::nth_element(v, at);
   return *at;
 }
+
+/// Residuals of other data than the identification's may be larger by this factor.
+constexpr double misfit_max = 2;
 
 /// The range of load or temperature in the data (of the law, where there are none).
 struct Input {
@@ -125,8 +114,25 @@ class Writer {
         p_.found.parameters, [&](const auto& e) { return e.status == Status::estimated && identifiable(e.name); }));
   }
 
+  /// Root mean square of the residuals of other data than the identification's; nothing where there are none.
+  std::optional<double> other_residual() const {
+    if (!has_samples() || fit_.own_data || !fit_.has_residual() || !(p_.found.residual.std > 0)) return std::nullopt;
+    double squares = 0;
+    for (const double r : fit_.residuals) squares += r * r;
+    return std::sqrt(squares / static_cast<double>(fit_.residuals.size()));
+  }
+  bool worse_elsewhere() const { return other_residual().value_or(0) > misfit_max * p_.found.residual.std; }
+
+  std::string other_verdict(double rms) const {
+    const double times = rms / p_.found.residual.std;
+    return fmt::format(
+        "Law '{}' is off by {} (RMS) on data that it was not identified from, {} times its residual on its own.",
+        law_.name, torque(rms), fmt::format("{:.{}f}", times, times < 10 ? 1 : 0));
+  }
+
   /// What was identified, from what and how well.
   std::string verdict() const {
+    if (const auto rms = other_residual()) return other_verdict(*rms);
     if (p_.found.samples == 0)
       return fmt::format("Law '{}' with given parameters: the file does not say how they were found.", law_.name);
     const std::string source = p_.data.size() == 1 ? " of " + std::filesystem::path(p_.data[0]).filename().string()
@@ -143,8 +149,8 @@ class Writer {
     std::string s;
     if (fit_.has_residual())
       s += fmt::format(
-          "The residuals have a standard deviation of {}; the law explains {:.2f} % of the variance of friction.",
-          torque(p_.found.residual.std), 100 * p_.found.r_squared);
+          "{} residuals have a standard deviation of {}; the law explains {:.2f} % of the variance of friction.",
+          other_residual() ? "On its own data the" : "The", torque(p_.found.residual.std), 100 * p_.found.r_squared);
     const auto say = [&](const std::vector<std::string>& names, const char* what) {
       if (!names.empty()) s += fmt::format(" {}: {}.", what, twin::joined(names));
     };
@@ -157,22 +163,27 @@ class Writer {
   Opening opening() const {
     const auto bound = with_status(Status::at_bound), held = with_status(Status::held);
     const bool lacks = !p_.found.unidentifiable.empty() || !held.empty();
-    Opening o{.verdict = verdict(),
-              .light = !bound.empty() ? Light::red
-                       : lacks        ? Light::amber
-                                      : Light::green,
-              .rule =
-                  "green when every parameter is identified or given, amber when data do not identify one, red when "
-                  "one is at a bound of its range.",
-              .tiles = tiles(),
-              .action = !bound.empty() ? "do not use " + twin::joined(bound) +
-                                             ": measure at other speeds, loads or "
-                                             "temperatures, or choose another law."
-                        : lacks ? "use the law where it was measured only; more speeds, loads or temperatures "
-                                  "identify the rest."
-                                : "use the law within its range.",
-              .identity = identity_of(options_, source_of("measurement", p_.data))};
-    return o;
+    return {.verdict = verdict(),
+            .light = !bound.empty()               ? Light::red
+                     : lacks || worse_elsewhere() ? Light::amber
+                                                  : Light::green,
+            .rule = fmt::format("green when every parameter is identified or given, amber when data do not identify "
+                                "one{}, red when one is at a bound of its range.",
+                                other_residual() ? fmt::format(" or the law is off by more than {:g} times its "
+                                                               "residual on other data",
+                                                               misfit_max)
+                                                 : ""),
+            .tiles = tiles(),
+            .action = !bound.empty() ? "do not use " + twin::joined(bound) +
+                                           ": measure at other speeds, loads or "
+                                           "temperatures, or choose another law."
+                      : worse_elsewhere()
+                          ? "see the residuals: where their mean leaves 0, the law lacks an effect. Identify it "
+                            "from these data, too, or use it where it was measured only."
+                      : lacks ? "use the law where it was measured only; more speeds, loads or temperatures "
+                                "identify the rest."
+                              : "use the law within its range.",
+            .identity = identity_of(options_, source_of("measurement", p_.data))};
   }
 
   std::string range_text() const {
@@ -214,6 +225,8 @@ class Writer {
     std::vector<Tile> all;
     if (known_.empty()) return all;
     const char* unit = law_.normalised ? "of the maximum torque" : "Nm";
+    if (const auto rms = other_residual())
+      all.push_back({"residual of these data, RMS", significant(*rms), unit, worse_elsewhere() ? "warn" : "good"});
     if (fit_.has_residual()) {
       all.push_back({"residual, std", significant(p_.found.residual.std), unit});
       all.push_back({"maximum residual", significant(p_.found.residual.max_abs), unit});
@@ -222,7 +235,7 @@ class Writer {
     const std::size_t known = identified() + with_status(Status::fixed).size();
     all.push_back({"parameters known", fmt::format("{} of {}", known, p_.found.parameters.size()), "",
                    known == p_.found.parameters.size() ? "good" : "bad"});
-    if (const auto pairs = most_correlated(); !pairs.empty())
+    if (const auto pairs = most_correlated(); !pairs.empty() && all.size() < tiles_max)
       all.push_back(
           {"strongest correlation", pair_name(pairs[0]), "correlation " + correlation(correlation_of(pairs[0]))});
     return all;
@@ -291,7 +304,7 @@ class Writer {
                     has_samples() ? fmt::format(" Points: {}.", drawn_of(points.size(), rows.size())) : ""));
   }
 
-  const ParameterUncertainty* band() const { return uncertainty_ ? &*uncertainty_ : nullptr; }
+  const friction::Uncertainty* band() const { return uncertainty_ ? &*uncertainty_ : nullptr; }
 
   std::string band_text() const {
     if (uncertainty_) return " Bands: where the law is with 95 % confidence, by the covariance of its parameters.";
@@ -339,7 +352,7 @@ class Writer {
     const double T = temperature_.low, l = load_.low;
     return show_what_if(page_, fit_.drive, speed_max_,
                         law_.temperature_dependent ? Choice{T, temperature_.high} : Choice{T, T},
-                        law_.load_dependent ? Choice{l, load_.high} : Choice{l, l});
+                        law_.load_dependent ? Choice{l, load_.high} : Choice{l, l}, band());
   }
 
   Outcome residuals() {
@@ -429,8 +442,8 @@ class Writer {
       if (auto ok = page_.show(
               grid,
               confidence_ellipses(fmt::format("{}: correlation {}", pair_name(pair), correlation(correlation_of(pair))),
-                                  {.quantity = a.name, .unit = a.unit}, {.quantity = b.name, .unit = b.unit},
-                                  std::array{e}),
+                                  {.quantity = a.name, .unit = with_superscripts(a.unit)},
+                                  {.quantity = b.name, .unit = with_superscripts(b.unit)}, std::array{e}),
               "ellipse", "Confidence regions of both parameters: 95 % (filled), 99 % (dashed). Point: the estimate.");
           !ok)
         return ok;
@@ -456,7 +469,7 @@ class Writer {
   double speed_max_;  ///< joint side [rad/s]
   Input load_, temperature_;
   std::vector<std::size_t> known_;  ///< parameters with a sigma
-  std::optional<ParameterUncertainty> uncertainty_ = uncertainty_of(p_);
+  std::optional<friction::Uncertainty> uncertainty_ = uncertainty_of(p_);
 };
 
 }  // namespace

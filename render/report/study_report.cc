@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/page/figure_table.hpp>
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/report/diagnosis_words.hpp>
 #include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/study_report.hpp>
@@ -248,7 +249,7 @@ class Writer {
     const auto some = verdicts(joint, false);
     if (some.empty()) return {};
     page_.add(page_.body(), "h3", "Distances");
-    const auto yes = [](bool b) { return b ? "True" : "False"; };
+    const auto yes = [](bool b) { return b ? "yes" : "no"; };
     std::vector<std::vector<std::string>> rows;
     for (const auto* v : some) {
       auto& row = rows.emplace_back();
@@ -321,7 +322,7 @@ class Writer {
     double last = -1;
     for (const auto& [severity, false_alarm, detected] : power.roc) {
       if (f.series.empty() || severity != last)
-        f.series.push_back({.label = severity == 0 ? "no fault" : fmt::format("{:.2g}", severity)});
+        f.series.push_back({.label = severity == 0 ? "no fault" : typeset(fmt::format("{:.2g}", severity))});
       f.series.back().x.push_back(false_alarm);
       f.series.back().y.push_back(detected);
       last = severity;

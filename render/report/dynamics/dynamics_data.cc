@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <iterator>
 
 #include <fmt/format.h>
 
@@ -8,7 +10,7 @@
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
-#include <tribotwin/twin/io/tables/numbers.hpp>
+#include <tribotwin/twin/io/tables/rows.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
@@ -75,45 +77,48 @@ std::string nowhere(const std::string& what, const std::string& name, const fs::
   return fmt::format("{}: {} is neither in the working directory nor beside {}.", what, name, by.filename().string());
 }
 
-/// The half width in the rows of a table that have one, per line of `lines`; else NaN.
-Result<std::vector<double>> band_of(const fs::path& table, const std::string& column,
-                                    const std::vector<std::size_t>& lines) {
-  const auto numbers = twin::read_numbers(table, {column});
-  if (!numbers) return tl::unexpected(numbers.error());
-  std::vector<double> out(lines.size(), std::nan(""));
-  for (std::size_t i = 0; i < numbers->columns[0].size(); ++i)
-    if (const auto at = std::ranges::lower_bound(lines, numbers->lines[i]);
-        at != lines.end() && *at == numbers->lines[i])
-      out[static_cast<std::size_t>(at - lines.begin())] = numbers->columns[0][i];
-  return out;
+/// Columns of a joint in the table that tribotwin predict wrote beside its JSON.
+enum Column : std::size_t { recorded, predicted, moving, band, columns };
+
+std::array<std::string, columns> columns_of(const JointPrediction& joint) {
+  const char* unit = joint.unit == "N" ? "n" : "nm";
+  return {fmt::format("torque_{}_{}", joint.name, unit), fmt::format("predicted_{}_{}", joint.name, unit),
+          "moving_" + joint.name, fmt::format("band_{}_{}", joint.name, unit)};
 }
 
-/// Torques of each joint from the table that tribotwin predict wrote beside its JSON.
+bool has_band(const JointPrediction& joint) { return !std::isnan(joint.half_width); }
+
+/// Appends what a row says of a joint, whose columns begin at `first`.
+void take_row(const twin::TableRows& row, std::size_t first, JointPrediction& joint) {
+  const double time_s = row.number(0), torque = row.number(first + recorded), expected = row.number(first + predicted),
+               moves = row.number(first + moving);
+  if (!std::isfinite(time_s + torque + expected + moves)) return;
+  joint.time_s.push_back(time_s);
+  joint.recorded.push_back(torque);
+  joint.predicted.push_back(moves == 0 ? std::nan("") : expected);
+  if (has_band(joint)) joint.band.push_back(row.number(first + band));
+}
+
+/// Torques of each joint, in one pass.
 Result<void> read_torques(const fs::path& table, std::vector<JointPrediction>& joints) {
+  std::vector<JointPrediction*> drawn;
+  std::vector<std::string> wanted{"time_s"};
   for (auto& joint : joints) {
     if (!joint.lacking.empty()) continue;
-    const char* unit = joint.unit == "N" ? "n" : "nm";
-    auto numbers =
-        twin::read_numbers(table, {"time_s", fmt::format("torque_{}_{}", joint.name, unit),
-                                   fmt::format("predicted_{}_{}", joint.name, unit), "moving_" + joint.name});
-    if (!numbers) return tl::unexpected(numbers.error());
-    for (const auto& column : numbers->columns)
-      if (column.empty())
-        return tl::unexpected(
-            Error(fmt::format("{}: has not time_s, torque_{}_{}, predicted_{}_{} and moving_{}; give "
-                              "the table of the same tribotwin predict",
-                              table.string(), joint.name, unit, joint.name, unit, joint.name)));
-    joint.time_s = std::move(numbers->columns[0]);
-    joint.recorded = std::move(numbers->columns[1]);
-    joint.predicted = std::move(numbers->columns[2]);
-    for (std::size_t i = 0; i < joint.predicted.size(); ++i)
-      if (numbers->columns[3][i] == 0) joint.predicted[i] = std::nan("");
-    if (std::isnan(joint.half_width)) continue;
-    auto band = band_of(table, fmt::format("band_{}_{}", joint.name, unit), numbers->lines);
-    if (!band) return tl::unexpected(band.error());
-    joint.band = std::move(*band);
+    drawn.push_back(&joint);
+    std::ranges::copy(columns_of(joint), std::back_inserter(wanted));
   }
-  return {};
+  const auto rows = twin::TableRows::open(table, {.texts = {}, .numbers = wanted}, {});
+  if (!rows) return tl::unexpected(rows.error());
+  for (std::size_t k = 0; k < wanted.size(); ++k)
+    if (!(*rows)->has_number(k) && (k == 0 || (k - 1) % columns != band || has_band(*drawn[(k - 1) / columns])))
+      return tl::unexpected(
+          Error(fmt::format("{}: has no {}; give the table of the same tribotwin predict", table.string(), wanted[k])));
+  for (auto more = (*rows)->next();; more = (*rows)->next()) {
+    if (!more) return tl::unexpected(more.error());
+    if (!*more) return {};
+    for (std::size_t j = 0; j < drawn.size(); ++j) take_row(**rows, 1 + columns * j, *drawn[j]);
+  }
 }
 
 /// Units of a law's parameters, which a parameter file leaves out.

@@ -74,7 +74,7 @@ std::optional<Crossing> crossing(const RunData& run) {
 
 std::string clamped_until(const Crossing& c) {
   return fmt::format(
-      " Dashed: below {:.0f} °C the law of {} was not measured; until {} its friction is that at {:.0f} °C.",
+      " Grey, dashed: below {:.0f} °C the law of {} was not measured; until {} its friction is that at {:.0f} °C.",
       c.edge_degC, c.joint->name, duration(c.time_s), c.edge_degC);
 }
 

@@ -73,7 +73,7 @@ std::optional<Drawing> surface(const VisitedLaw& v) {
   return Drawing{in_units_of(friction_surface(v.drive, "", v.speed_max_rad_s, v.load_median, v.temperature_min_degC,
                                               v.temperature_max_degC),
                              v.slide),
-                 fmt::format("Law '{}' at a load of {:.3f}.", law.name, v.load_median)};
+                 fmt::format("Law '{}' at a load of {:.3f} of the maximum torque.", law.name, v.load_median)};
 }
 
 constexpr FigureRow<VisitedLaw> table[] = {

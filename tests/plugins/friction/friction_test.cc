@@ -5,6 +5,7 @@
 
 #include <tribotwin/plugins/friction/batch.hpp>
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/plugins/friction/uncertainty.hpp>
 
 namespace tribotwin::friction {
 namespace {
@@ -316,6 +317,28 @@ TEST(Laws, AreScaledInBothPartsAndInSpeed) {
       EXPECT_NEAR(other.strengthening, 0.5 * usual.strengthening, 1e-12 * other.total()) << law.info->name << " " << v;
     }
   }
+}
+
+TEST(Uncertainty, OfALinearLawIsItsClosedForm) {
+  // Far above the Stribeck velocity friction is Fc + Fv v; at rest it is Fc + Fs.
+  const Law law = law_of("stribeck", {{"Fc", .034}, {"Fs", .046}, {"Fv", 3.68e-4}, {"vs", 1}, {"alpha", 2}});
+  const double Fc = 4e-8, Fs = 9e-8, Fv = 1e-12, both = -1.5e-10;
+  std::vector covariance(5, std::vector<double>(5));
+  for (std::size_t i = 0; i < 5; ++i) {
+    const std::string_view name = law.info->parameters[i].name;
+    for (std::size_t k = 0; k < 5; ++k) {
+      const std::string_view other = law.info->parameters[k].name;
+      if ((name == "Fc" && other == "Fv") || (name == "Fv" && other == "Fc")) covariance[i][k] = both;
+    }
+    covariance[i][i] = name == "Fc" ? Fc : name == "Fs" ? Fs : name == "Fv" ? Fv : 0;
+  }
+  const Uncertainty u = make_uncertainty(law, covariance, 2);
+  for (const double v : {50., 120., 250.}) {
+    const double expected = 2 * std::sqrt(Fc + 2 * v * both + v * v * Fv);
+    EXPECT_NEAR(half_width(law, u, v, 0, 20), expected, 1e-8 * expected);
+    EXPECT_EQ(half_width(law, u, -v, 0, 20), half_width(law, u, v, 0, 20));
+  }
+  EXPECT_NEAR(half_width(law, u, 0, 0, 20), 2 * std::sqrt(Fc + Fs), 1e-8 * std::sqrt(Fc + Fs));
 }
 
 TEST(Batch, EqualsTheScalarLawInsideAndOutsideTheRange) {

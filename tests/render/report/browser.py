@@ -73,7 +73,8 @@ MEASURE = """(() => {
   const first = document.querySelector('main > h1 ~ #verdict');
   // What is not in the page's language: another sign of numbers, units as programs spell them.
   const leaves = [...document.querySelectorAll('main *')].filter(e => !e.closest('pre') && !e.children.length);
-  const foreign = leaves.map(e => e.textContent).filter(t => /(^|[^\\w])degC\\b|−\\d/.test(t));
+  const strange = /(^|[^\\w])degC\\b|−\\d|\\de[+-]\\d\\d|\\w\\^[23]\\b/;
+  const foreign = leaves.map(e => e.textContent).filter(t => strange.test(t));
   return {width: innerWidth, images: images.length,
     broken: images.filter(i => !i.complete || !i.naturalWidth).length,
     drawings: document.querySelectorAll('main svg.drawn').length,
@@ -216,7 +217,7 @@ class Browser:
         check(f"{name}: no table scrolls", not m["scrolls"], m["scrolls"])
         check(f"{name}: the verdict is in sight", m["verdict"] is not None and m["verdict"] < 400, m["verdict"])
         check(f"{name}: the verdict is the first sentence", m["opens"])
-        check(f"{name}: one sign of numbers, and °C", not m["foreign"], m["foreign"][:5])
+        check(f"{name}: one sign of numbers, °C, typeset powers", not m["foreign"], m["foreign"][:5])
         check(
             f"{name}: contrast at least 4.5:1 in {m['texts']} texts",
             m["texts"] > 30 and m["contrast"] >= 4.5,

@@ -1,6 +1,6 @@
 """tribotwin-report of a healthy and a worn robot, and of the flagship warm-up: what its reader must find in the first
 lines, and pictures that show the moment that they say. Arguments: tribotwin, tribotwin-report, source tree."""
-import html, json, os, re, subprocess, sys
+import html, json, os, re, shutil, subprocess, sys
 
 import h5py
 import numpy as np
@@ -9,7 +9,7 @@ from browser import Browser, opening
 import harness
 from harness import check, content, finish, path, work
 from pendulum import PENDULUM
-from numbers_of_page import Numbers, change, duration, energy
+from numbers_of_page import Numbers, change, duration, energy, number, text_of
 from robot_checks import unpacked
 
 twin, report, source = sys.argv[1:4]
@@ -203,6 +203,24 @@ if check("what if: the hottest room leaves the range of the law", there, told):
     check("what if: it is that of a whole run", abs(predicted - hot) < 0.1 and hot > warm + 15, (told, hot))
 
 
+# ---- A multi-rate run that an older version recorded: its shares of time were counted in the steps computed alone.
+shutil.copytree(path("healthy"), path("older"))
+older = json.loads(content("older/summary.json"))
+check("the run is multi-rate", older["steps_computed"] < 0.1 * older["steps"], older["steps_computed"])
+for j, outside, stuck in zip(older["joints"], (0.25, 0.5, 1, 0, 0.125, 0.75), (0.5, 0.004, 0.6, 1, 0, 0.25)):
+    del j["outside_s"]
+    j["clamped_samples"] = round(outside * older["steps_computed"])
+    j["stuck_s"] = stuck * older["simulated_s"] * older["steps_computed"] / older["steps"]
+with open(path("older/summary.json"), "w") as f:
+    json.dump(older, f)
+r = run(report, "older")
+check("its page is made", r.returncode == 0, r.stderr)
+rows = re.findall(r"^joint\d\n" + r"([\d.]+)\n" * 8, text_of(content("older/report.html")), re.M)
+shares = [tuple(map(float, row[-2:])) for row in rows]
+expected = [(25, 50), (50, 0.4), (100, 60), (0, 100), (12.5, 0), (75, 25)]
+check("it shows what the older version counted", shares == expected, shares)
+
+
 # ---- Every number outside the figures is that of telemetry.h5 or summary.json.
 def take_run(n, folder):
     """What the section of a run says."""
@@ -245,7 +263,7 @@ def take_run(n, folder):
     for h in s["health"]:
         row = rf"\n{h['check']}\n(?:{h['joint'] or '–'})\n(\S+)(?: [^\n]*)?\n(\S+)(?: [^\n]*)?\n{h['verdict']}\n"
         if re.search(row, n.text):  # each check shows its worst joint
-            equal = lambda shown, true: abs(float(shown) - true) <= 0.006 * abs(true)
+            equal = lambda shown, true: abs(number(shown) - true) <= 0.006 * abs(true)
             n.match(f"{folder}: {h['check']}", row, lambda v, l: equal(v, h["value"]) and equal(l, h["threshold"]))
     n.take(
         folder + ": the legend of health", "follow (1) or not (0)", "a gear class (1)", "its own (0)", "telemetry.h5"
@@ -271,7 +289,10 @@ def take_run(n, folder):
             f"Law 'extended' at {np.median(degrees):.1f} °C. Points: samples of the run within "
             f"{max(0.05 * np.ptp(degrees), 0.25):.2g} K of that.",
         )
-    n.take(folder + ": the surface", f"Law 'extended' at a load of {np.median(visited['joint2'][0]):.3f}.")
+    n.take(
+        folder + ": the surface",
+        f"Law 'extended' at a load of {np.median(visited['joint2'][0]):.3f} of the maximum torque.",
+    )
     n.take(
         folder + ": how it was made",
         f"MuJoCo {s['engine']['version']}\n",

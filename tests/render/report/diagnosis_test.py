@@ -84,6 +84,11 @@ check(
 )
 tile, last = numbers_of_page.text_of(harness.content("page.html")), seen[-1]
 check("without dates the margin is that of the latest curve", diagnosis_numbers.margin_of(last) in tile, tile[:1500])
+check(
+    "a column of intervals is set right, one of words left",
+    '<th class="number" scope="col">healthy curves, 95 %' in harness.content("page.html")
+    and '<th scope="col">contact surfaces</th>' in harness.content("page.html"),
+)
 day = time.strftime("%Y-%m-%d", time.gmtime(os.path.getmtime(path("checked.csv"))))
 check("without dates it is said what the day is that of", f"newest file written {day} ·" in text, text[:200])
 
@@ -329,11 +334,15 @@ check(
 )
 measured = browser.check_page("study", page, images=0, drawings=2 * (4 + 6 + 4) + 7 + 1)
 text = measured["text"] if measured else ""
+browser.open(page)
+keys = browser.tab.value("[...document.querySelectorAll('.key .sample path')].map(p => p.getAttribute('d'))")
+marks = [any(outline in d for d in keys) for outline in ("m-3.5 0a", "m-3.5 -3.5l", "h0")]
+check("study: the key shows circles, crosses and dots as they are drawn", all(marks), marks)
 for joint in whole:
     for i, o in enumerate(whole[joint]["observations"][:3]):
         cells = [str(i + 1), f"{o['load_kg']} kg", o["state"], f"{o['temperature_degC']:.1f}"]
         for region in (o["region1"], o["region2"]):
-            cells += [f"{region['distance']:.3f}", f"{region['statistic']:.2f}", str(region["anomalous"])]
+            cells += [f"{region['distance']:.3f}", f"{region['statistic']:.2f}", ("no", "yes")[region["anomalous"]]]
         check(f"study: row {i + 1} of {joint}", "\t".join(cells + [o["pattern"]]) in text, cells)
 check(
     "study: what each joint flags",

@@ -10,7 +10,8 @@ from harness import check, check_refused, content, finish, path, work
 from pendulum import PENDULUM
 
 twin, report = sys.argv[1:3]
-page_of = Browser(work, check).check_page
+browser = Browser(work, check)
+page_of = browser.check_page
 with open(path("robot.xml"), "w") as f:
     f.write(PENDULUM)
 
@@ -101,6 +102,10 @@ check(
     ],
     (row, p),
 )
+check(
+    "columns of numbers are set right, those of units are not",
+    page.count('<th class="number" scope="col">value</th>') == 1 and page.count('<th scope="col">unit</th>') == 2,
+)
 friction = {row[2]: row for row in rows(page, "hinge")[1:] if row[1] == "coulomb_viscous"}
 check(
     "friction with standard deviations and units, near the truth",
@@ -143,6 +148,20 @@ check(
     and sum(len(s["x"]) for s in bands) > len(middle["x"])
     and f"Band: ± {band['half_width']:.4g} Nm about it" in page,
     (bands[0], band),
+)
+TIP = """(share) => { const svg = document.querySelector('svg.live:not(.sample)'), box = svg.getBoundingClientRect();
+  svg.dispatchEvent(new PointerEvent('pointermove', {bubbles: true, pointerType: 'mouse',
+    clientX: box.x + share * box.width, clientY: box.y + 0.4 * box.height}));
+  return svg.parentElement.querySelector('.tip').innerText; }"""
+browser.open(path("dynamics.html"))
+tips = [browser.tab.value(f"({TIP})({share})") for share in np.linspace(0.1, 0.9, 17)]
+found = [float(half) for tip in tips for half in re.findall(r"predicted \S+ ± (\S+) Nm \(95 %\)", tip)]
+check(
+    "the pointer says half its width, and no edge of it as a value",
+    len(found) > 3
+    and all(abs(half / band["half_width"] - 1) < 0.06 for half in found)
+    and not any("95 % band" in tip for tip in tips),
+    (tips, band),
 )
 result = predicted("worn.csv")
 worn = result["joints"]["hinge"]
@@ -237,7 +256,7 @@ check(
 with open(path("predicted.csv"), "w") as f:
     f.write("time_s,torque_other_nm\n0,1\n")
 refused = lambda name, says: check_refused(name, run(report, "dynamics", "predicted.json", "-o", "x.html"), says)
-refused("another robot's table", ["predicted.csv", "moving_hinge"])
+refused("another robot's table", ["predicted.csv", "has no torque_hinge_nm; give the table of the same"])
 for name, text in (("no JSON", "{"), ("another JSON", '{"joints": {}}')):
     with open(path("predicted.json"), "w") as f:
         f.write(text)

@@ -5,9 +5,10 @@ import glob, hashlib, html, json, os, re, shutil, sys
 
 import numpy as np
 
-from browser import Browser
+from browser import Browser, opening
 import harness
 from harness import check, check_refused, content, finish, path, work
+from numbers_of_page import number
 from reference_law import M_STAR, law
 
 twin, report, source = sys.argv[1:4]
@@ -64,12 +65,6 @@ def drawing(page, label):
         if found
         else []
     )
-
-
-def number(text):
-    """As the page writes it: 1.30·10⁻⁴"""
-    mantissa, _, power = text.partition("·10")
-    return float(mantissa) * 10 ** int(power.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")) or 0)
 
 
 def marks(name):
@@ -257,6 +252,24 @@ check(
     and "not those of the identification" in content("other.html"),
     r.stderr,
 )
+first = opening(content("other.html"))
+off = re.search(
+    r"is off by (\S+) of the maximum torque \(RMS\) on data .* not identified from, (\S+) times", first["verdict"]
+)
+if check("its first sentence is about these data", off, first):
+    noise = 9e-3
+    check("how far they are off", abs(number(off.group(1)) / noise - 1) < 0.1, first)
+    check("and beside the law's own", abs(float(off.group(2)) / (noise / residual) - 1) < 0.1, (first, residual))
+check(
+    "twice as far is amber, and what to do follows",
+    first["light"] == "Amber" and "see the residuals" in first["action"],
+    first,
+)
+curves("alike.csv", 40)
+run(report, "fit", "params.yaml", "alike.csv", "-o", "alike.html")
+first = opening(content("alike.html"))
+check("other data that fit are green", first["light"] == "Green" and "is off by" in first["verdict"], first)
+check("three to five figures", 3 <= len(first["tiles"]) <= 5, first["tiles"])
 put("changed.csv", content("curves.csv") + "10,0.1,50,0.06\n")
 put("changed.yaml", content("params.yaml").replace("curves.csv", "changed.csv"))
 r = run(report, "fit", "changed.yaml", "-o", "changed.html")

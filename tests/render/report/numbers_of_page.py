@@ -11,6 +11,12 @@ def text_of(page):
     return html.unescape(re.sub("<[^>]*>", "", main))
 
 
+def number(text):
+    """As the page writes it: 1.30·10⁻⁴"""
+    mantissa, _, power = text.partition("·10")
+    return float(mantissa) * 10 ** int(power.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")) or 0)
+
+
 class Numbers:
     def __init__(self, page, check):
         self.text, self.check = text_of(page), check

@@ -1,11 +1,13 @@
 """What if, on the page of a law: the kernel in the page computes what tribotwin curve does, sliders move the drawn
-curve, and a page without them stays as it was. Arguments: tribotwin, tribotwin-report."""
+curve with its band, and a page without them stays as it was. Arguments: tribotwin, tribotwin-report."""
 import base64, hashlib, html, json, re, sys
 
 import numpy as np
+import yaml
 
 from browser import Browser
 from harness import check, content, finish, path, run, work
+from reference_law import M_STAR, law as law_extended
 
 twin, report = sys.argv[1:3]
 LAWS = {
@@ -127,6 +129,87 @@ for number, (name, key) in enumerate((("temperature", "End"), ("load", "Home")))
     holds_the_curve(name)
 check("both are at their ends", tab.value(SHOWN)["values"] == ["81.2 °C", "0.00"], tab.value(SHOWN)["values"])
 check("no console message from sliders", not tab.console, tab.console)
+
+# ---- The band of an identified law: error propagation with central differences, here of another program's formula.
+random = np.random.default_rng(5)
+v = np.tile(1.5 * (280 / 1.5) ** (np.arange(12) / 11), 60)
+load, T = random.uniform(0, 0.73, 60).repeat(12), random.uniform(38, 81.2, 60).repeat(12)
+rows = np.column_stack([v, load, T, law_extended(M_STAR, v, load, T) + random.normal(0, 4e-3, v.size)])
+np.savetxt(path("points.csv"), rows, "%.7g", ",", header="speed_rad_s,load_norm,temperature_degC,friction_norm")
+with open(path("points.csv")) as f:
+    points = f.read().lstrip("# ")
+with open(path("points.csv"), "w") as f:
+    f.write(points)
+r = run(twin, "identify", "points.csv", "--law", "extended", "-o", "params.yaml", "--quiet")
+check("the law is identified", r.returncode == 0, r.stderr)
+r = run(report, "fit", "params.yaml", "-o", "fit.html", "--quiet")
+check("its page is made", r.returncode == 0, r.stderr)
+params = yaml.safe_load(content("params.yaml"))
+names = list(params["parameters"])
+values, sigma = (np.array([params[key][n] for n in names]) for key in ("parameters", "sigma"))
+low, high = np.array([params["confidence_95"][n] for n in names]).T
+covariance = np.array([params["correlation"][n] for n in names]) * np.outer(sigma, sigma)
+sigmas = np.max((high - low) / (2 * sigma))
+
+
+def half_width(v, load, T):
+    steps = np.maximum(0.05 * sigma, 1e-6 * np.abs(values))
+    moved = [[law_extended(values + sign * step, v, load, T) for sign in (1, -1)] for step in np.diag(steps)]
+    slopes = np.array([(above - below) / (2 * step) for (above, below), step in zip(moved, steps)])
+    return sigmas * np.sqrt(np.einsum("iv,ik,kv->v", slopes, covariance, slopes))
+
+
+def figure(title):
+    """Line and band of a figure's series, as the page carries them."""
+    drawn = [json.loads(html.unescape(f)) for f in re.findall(r'data-figure="([^"]*)"', content("fit.html"))]
+    return next(f for f in drawn if f["title"].startswith(title))["series"]
+
+
+BAND = KERNEL.replace("[law] =", "[law, sure] =").replace(
+    "return GRID", "new Uint8Array(k.memory.buffer, k.uncertainty_numbers(), k.uncertainty_size()).set(bytes(sure));"
+    "return GRID"
+).replace("friction_level", "friction_half_width")  # fmt: skip
+browser.open(path("fit.html"))
+check("an identified law has sliders", tab.until("document.querySelectorAll('.sliders input').length == 2"))
+grid = [[[2.0, 30.0, 150.0, 270.0], load, T] for load in (0.05, 0.3, 0.7) for T in (40.0, 58.0, 80.0)]
+expected = np.array([half_width(np.array(v), load, T) for v, load, T in grid])
+found = np.array(tab.value(BAND.replace("GRID", json.dumps(grid))))
+worst = np.max(np.abs(found / expected - 1))
+check("the kernel's band is that of the covariance", worst < 1e-9, worst, f"within {worst:.1e}")
+check("it is one", np.all(expected > 1e-5) and np.ptp(expected) > 1e-4, expected)
+
+# What 'tribotwin-report curve' and the page's other figures draw by the law itself.
+static = figure("Friction at a load of")
+level = float(re.search(r"Friction at a load of ([\d.]+)", content("fit.html")).group(1))
+bands = [(static[i], static[i + 1]) for i in range(len(static) - 1) if static[i]["mark"] == "band"]
+check("static curves have bands", len(bands) == 7, [s["mark"] for s in static])
+inputs = json.loads(html.unescape(re.search(r'data-what-if="([^"]*)"', content("fit.html")).group(1)))["sliders"]
+for (band, line), T in list(zip(bands, np.linspace(inputs[0]["from"], inputs[0]["to"], 7)))[::3]:
+    n = len(line["x"])
+    upper = np.array(band["y"][:n]) - line["y"]
+    kernels = np.array(tab.value(BAND.replace("GRID", json.dumps([[line["x"][1:], level, T]]))))[0]
+    # The load in the title has two decimals, the figure's numbers seven digits.
+    far = np.max(np.abs(upper[1:] - kernels) / (kernels + 1e-5))
+    check(f"{T:.0f} °C: the band of the static curve is the kernel's", far < 0.05, far)
+
+SURE = """(() => { const svg = document.querySelector('figure[data-kernel] svg.live:not(.sample)');
+  return [...svg.querySelectorAll('.series path')].map(p => p.getAttribute('d')); })()"""
+first = tab.value(SURE)
+check("a band, and three curves of which one moves", len(first) == 4, len(first))
+for number, key in ((0, "End"), (1, "Home")):
+    before = tab.value(SURE)
+    tab.value(f"document.querySelectorAll('.sliders input')[{number}].focus()")
+    tab.key(key, {"End": 35, "Home": 36}[key])
+    now = tab.value(SURE)
+    moved = [a != b for a, b in zip(before, now)]
+    check(f"slider {number} moves line and band", moved == [True, False, True, False], moved)
+tip = tab.value("(" + HOVER.replace("[1], at", "[2], at") + ")(0.7)")
+spread = re.search(r"motor speed ([\d.]+) rad/s\s+friction torque [\d.]+ ± ([\d.]+) \(95 %\)", tip)
+if check("the pointer finds line and half the band's width", spread, tip):
+    T, load = tab.value(SHOWN)["inputs"]
+    expected = half_width(np.array([float(spread.group(1))]), load, T)[0]
+    check("which is that of the covariance", abs(float(spread.group(2)) / expected - 1) < 0.06, (tip, expected))
+check("no console message from the band", not tab.console, tab.console)
 
 # ---- Layout, light and dark, narrow, printed, without scripts.
 browser.check_page("law page", path("extended.html"), 0, 5)
