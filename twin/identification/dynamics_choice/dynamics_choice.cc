@@ -26,10 +26,11 @@ constexpr double least_gain = 0.003;
 constexpr double enough_sigmas = 2.5;
 /// A prior that worsens it by less is taken.
 constexpr double as_good = 0.02;
-/// Priors that are tried, as multiples of the most probable one.
-constexpr double prior_widths[] = {1, 2, 5, 20};
-/// Real bodies that worsen it by more and by so many standard errors are not taken.
-constexpr double real_sigmas = 2;
+/// Priors that are tried, as multiples of the most probable one; and by how much the taken one may be worse than the
+/// best of them, which is the best by chance too.
+constexpr double prior_widths[] = {1, 2, 5, 20}, near_best = 0.04;
+/// Real bodies that worsen it by more than `as_good` and by so many standard errors are not taken.
+constexpr double real_sigmas = 1;
 /// Settings that worsen it by so much and so many standard errors are not tried again after another was taken.
 constexpr double hopeless = 0.1, hopeless_sigmas = 4;
 /// A coupled motor is a claim about the robot's mechanics, and several are tried: only where much speaks for it.
@@ -380,7 +381,7 @@ class Chooser {
     return count * std::min(1.0, 2 / per_period);
   }
 
-  /// The narrowest prior, from the most probable one on, that is as good as the best of them and as none: what the
+  /// The narrowest prior, from the most probable one on, that is as good as none and near the best of them: what the
   /// recordings hardly show does not matter to their held-out error, but it does to other motions. What no body gives
   /// (a counterweight, a wrong model) makes the most probable one too narrow, and a wider one better.
   bool take_prior() {
@@ -395,7 +396,9 @@ class Chooser {
         widths.push_back(*std::move(t));
       }
     }
-    const auto good = [&](double change) { return (1 + change) / (1 + least) - 1 <= as_good; };
+    const auto good = [&](double change) {
+      return (now > 0 || change <= as_good) && (1 + change) / (1 + least) - 1 <= near_best;
+    };
     if (now > 0 && good(0)) return false;
     const auto narrowest = std::ranges::find_if(widths, [&](const Tried& t) { return good(t.comparison.change); });
     if (narrowest == widths.end()) return false;

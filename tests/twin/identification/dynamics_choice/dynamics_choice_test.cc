@@ -337,6 +337,7 @@ TEST(Choice, TakesAPriorAsWideAsPredictsWell) {
   const Decided quick{.cutoff_hz = 10,
                       .law = &coulomb_viscous(),
                       .asymmetry = false,
+                      .rotor_inertia = true,
                       .coupling = true,
                       .lag = true,
                       .robust = Robust::none};
