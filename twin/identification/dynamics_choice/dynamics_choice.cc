@@ -26,8 +26,11 @@ constexpr double least_gain = 0.003;
 constexpr double enough_sigmas = 2.5;
 /// A prior that worsens it by less is taken.
 constexpr double as_good = 0.02;
-/// Real bodies that worsen it by more and by so many standard errors are not taken.
-constexpr double real_sigmas = 2;
+/// Priors that are tried, as multiples of the most probable one; and by how much the taken one may be worse than the
+/// best of them, which is the best by chance too.
+constexpr double prior_widths[] = {1, 2, 5, 20}, near_best = 0.04;
+/// Real bodies that worsen it by more than `as_good` and by so many standard errors are not taken.
+constexpr double real_sigmas = 1;
 /// Settings that worsen it by so much and so many standard errors are not tried again after another was taken.
 constexpr double hopeless = 0.1, hopeless_sigmas = 4;
 /// A coupled motor is a claim about the robot's mechanics, and several are tried: only where much speaks for it.
@@ -378,24 +381,40 @@ class Chooser {
     return count * std::min(1.0, 2 / per_period);
   }
 
-  /// The narrowest prior, from the most probable one on, that is as good as none: what the recordings hardly show does
-  /// not matter to their held-out error, but it does to other motions.
+  /// The narrowest prior, from the most probable one on, that is as good as none and near the best of them: what the
+  /// recordings hardly show does not matter to their held-out error, but it does to other motions. What no body gives
+  /// (a counterweight, a wrong model) makes the most probable one too narrow, and a wider one better.
   bool take_prior() {
-    const double probable = new_prior();
-    if (probable == 0 || out_.setting.prior > 0) return false;
-    for (const double prior : {probable, 0.1, 0.3, 1.0}) {
-      if (prior < probable) continue;
-      std::vector<Candidate> open;
-      add_prior(open, prior);
-      std::optional<Tried> best;
-      for (Candidate& candidate : open)
-        if (auto t = tried(std::move(candidate)); t && (!best || t->comparison.change < best->comparison.change))
-          best = std::move(t);
-      if (!best || best->comparison.change > as_good) continue;
-      take(*std::move(best));
-      return true;
+    const double now = out_.setting.prior, probable = now > 0 ? now : new_prior();
+    if (probable == 0 || decided_.prior) return false;
+    std::vector<Tried> widths;
+    double least = 0;  // change of the held-out error
+    for (const double wider : prior_widths) {
+      if (now > 0 && wider == 1) continue;
+      if (auto t = tried_prior(wider * probable)) {
+        least = std::min(least, t->comparison.change);
+        widths.push_back(*std::move(t));
+      }
     }
-    return false;
+    const auto good = [&](double change) {
+      return (now > 0 || change <= as_good) && (1 + change) / (1 + least) - 1 <= near_best;
+    };
+    if (now > 0 && good(0)) return false;
+    const auto narrowest = std::ranges::find_if(widths, [&](const Tried& t) { return good(t.comparison.change); });
+    if (narrowest == widths.end()) return false;
+    take(std::move(*narrowest));
+    return true;
+  }
+
+  /// With rotor inertias or without, whichever is better.
+  std::optional<Tried> tried_prior(double prior) {
+    std::vector<Candidate> open;
+    add_prior(open, prior);
+    std::optional<Tried> best;
+    for (Candidate& candidate : open)
+      if (auto t = tried(std::move(candidate)); t && (!best || t->comparison.change < best->comparison.change))
+        best = std::move(t);
+    return best;
   }
 
   /// Steps back to what is simpler where that is hardly worse.

@@ -330,6 +330,28 @@ TEST(Choice, FindsATorqueByPosition) {
   EXPECT_NEAR(read->parameters.friction[1].back(), elbow.back().value, 1e-6);
 }
 
+// First moments as the model's make a narrow prior probable, which the elbow's inertia contradicts. It predicts no
+// worse than none, as the recording is short, but a wider one much better than both, also what was not recorded.
+TEST(Choice, TakesAPriorAsWideAsPredictsWell) {
+  Arm arm;
+  const Decided quick{.cutoff_hz = 10,
+                      .law = &coulomb_viscous(),
+                      .asymmetry = false,
+                      .rotor_inertia = true,
+                      .coupling = true,
+                      .lag = true,
+                      .robust = Robust::none};
+  const Defects defects{.noise_nm = 3, .fed_forward_kg_m2 = 0.5};
+  const std::vector<RobotRecording> training{arm.recording(defects, 61, 4)};
+  const DynamicsChoice choice = arm.choice(training, quick);
+  ASSERT_TRUE(taken(choice, "prior of"));
+  EXPECT_GT(choice.setting.prior, 0.5);
+  Setting narrow = choice.setting;
+  narrow.prior = 0.05;
+  const RobotRecording unseen = arm.recording({.noise_nm = 0, .fed_forward_kg_m2 = 0.5}, 90);
+  EXPECT_LT(arm.error(choice.setting, training, unseen), 0.8 * arm.error(narrow, training, unseen));
+}
+
 TEST(Choice, RemarksASettingThatContainsAnotherAndPredictsWorse) {
   const Setting plain{}, asymmetric{.directional = {.offset = true, .asymmetry = true}},
       load{.law = &coulomb_viscous_load()}, stribeck{.law = friction::find_law("stribeck")};
