@@ -42,8 +42,9 @@ struct Controller {
 /// call only.
 void step(const Registration& registration, mjData* d, Controller controller = {});
 
-/// Engine warnings and errors become lines on stderr instead of a log file and a wait for a key; a fatal engine error
-/// ends the process with exit code 1. For programs; a library user keeps their own handlers.
+/// Engine warnings and errors become lines on stderr instead of a log file and a wait for a key; a fatal engine error,
+/// and a lack of memory while MJCF is read or written, ends the process with exit code 1. For programs; a library user
+/// keeps their own handlers.
 void install_message_handlers();
 
 }  // namespace tribotwin::mujoco
