@@ -267,20 +267,16 @@ Result<ModelPtr> compile(const std::string& mjcf, const std::string&, const std:
     return tl::unexpected(std::string("the model text is too large"));
   std::memcpy(vfs->filedata[mj_findFileVFS(vfs.get(), name)], mjcf.data(), mjcf.size());
   char error[1000] = "";
-  const MemoryCheck memory;
   ModelPtr model(mj_loadXML(name, vfs.get(), error, sizeof error));
   mj_deleteVFS(vfs.get());
-  memory.pass();
   if (!model) return tl::unexpected(std::string(error));
   return model;
 }
 #else
 Result<ModelPtr> compile(const std::string& text, const std::string& file, const std::filesystem::path& folder) {
   char error[1000] = "";
-  const MemoryCheck memory;
   if (!file.empty()) {
     ModelPtr model(mj_loadXML(file.c_str(), nullptr, error, sizeof error));
-    memory.pass();
     if (!model) return tl::unexpected(std::string(error));
     return model;
   }
@@ -290,7 +286,6 @@ Result<ModelPtr> compile(const std::string& text, const std::string& file, const
   mj_addBufferVFS(vfs.get(), name.c_str(), text.data(), static_cast<int>(text.size()));
   ModelPtr model(mj_loadXML(name.c_str(), vfs.get(), error, sizeof error));
   mj_deleteVFS(vfs.get());
-  memory.pass();
   if (!model) return tl::unexpected(std::string(error));
   return model;
 }
@@ -411,8 +406,8 @@ Result<void> require_finite(const mjModel* m) {
                 {"tolerance", span(&m->opt.tolerance, 1)}});
 }
 
-Loaded load(const std::string& name, const std::string& text, const std::string& file,
-            const std::filesystem::path& folder, const Options& options) {
+Loaded compile_and_bind(const std::string& name, const std::string& text, const std::string& file,
+                        const std::filesystem::path& folder, const Options& options) {
   auto sources = read_sources(name, text, folder);
   if (!sources) return tl::unexpected(sources.error());
   if (auto ok = check_extensions(*sources); !ok) return tl::unexpected(ok.error());
@@ -486,6 +481,14 @@ Loaded load(const std::string& name, const std::string& text, const std::string&
   }
   return std::make_shared<const Model>(std::move(*compiled), std::move(bindings), std::move(bound_springs),
                                        std::move(bound_sensors));
+}
+
+Loaded load(const std::string& name, const std::string& text, const std::string& file,
+            const std::filesystem::path& folder, const Options& options) {
+  const MemoryCheck memory;
+  auto loaded = compile_and_bind(name, text, file, folder, options);
+  memory.pass();
+  return loaded;
 }
 
 }  // namespace

@@ -111,7 +111,7 @@ def killed(wait):
     process = subprocess.Popen(
         [tribotwin, "run", inputs + "/scenario.yaml", "-o", "out", "--realtime", "--quiet", *SETTINGS], cwd=folder
     )
-    while not glob.glob(folder + "/out/telemetry.h5*"):
+    while process.poll() is None and not glob.glob(folder + "/out/telemetry.h5*"):
         time.sleep(0.002)
     time.sleep(wait)
     process.kill()

@@ -428,8 +428,8 @@ TEST_P(Irb6620, DoesNotCreepForAMinuteAtNinetyPercentOfBreakaway) {
 }
 
 #ifndef __SANITIZE_ADDRESS__  // which ends the process itself
-// calibrate identified other parameters, and said nothing, where one allocation had failed: the drive of one simulation
-// had lost an attribute, or a number.
+// pugixml and streams go on without what they have no memory for. calibrate took a model whose text had ended early for
+// one that its parameters make impossible, and said nothing.
 TEST(Memory, AModelThatMayHaveLostSomethingIsNotLoaded) {
   const auto too_much = std::numeric_limits<std::size_t>::max() / 2;
   const auto lost_in_xml = [=] { watch_memory(), pugi::get_memory_allocation_function()(too_much); };
