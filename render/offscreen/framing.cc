@@ -11,36 +11,6 @@ namespace {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double filled = 0.86;  // share of the picture, each way
 
-/// A box in the frame of a geom.
-struct Box {
-  Point low, high;
-};
-
-Box around(const mjModel* m, int geom) {
-  const mjtNum* s = m->geom_size + 3 * geom;
-  const auto centred = [](double x, double y, double z) { return Box{{-x, -y, -z}, {x, y, z}}; };
-  switch (m->geom_type[geom]) {
-    case mjGEOM_SPHERE:
-      return centred(s[0], s[0], s[0]);
-    case mjGEOM_CAPSULE:
-      return centred(s[0], s[0], s[0] + s[1]);
-    case mjGEOM_CYLINDER:
-      return centred(s[0], s[0], s[1]);
-    case mjGEOM_MESH: {
-      Box box{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
-      const int mesh = m->geom_dataid[geom];
-      for (int v = m->mesh_vertadr[mesh]; v < m->mesh_vertadr[mesh] + m->mesh_vertnum[mesh]; ++v)
-        for (std::size_t k = 0; k < 3; ++k) {
-          const double x = m->mesh_vert[3 * static_cast<std::size_t>(v) + k];
-          box.low[k] = std::min(box.low[k], x), box.high[k] = std::max(box.high[k], x);
-        }
-      return box;
-    }
-    default:  // boxes and ellipsoids
-      return centred(s[0], s[1], s[2]);
-  }
-}
-
 /// Whether a geom of the first `groups` is drawn, and belongs to a tree of bodies that moves somewhere.
 bool counts(const mjModel* m, int geom, int groups) {
   const int type = m->geom_type[geom], body = m->geom_bodyid[geom], root = m->body_rootid[body];
@@ -63,6 +33,29 @@ std::array<Point, 3> axes_of(const mjvCamera& camera) {
 
 }  // namespace
 
+Box box_around(const mjModel* m, int type, const Point& s, int mesh) {
+  const auto centred = [](double x, double y, double z) { return Box{{-x, -y, -z}, {x, y, z}}; };
+  switch (type) {
+    case mjGEOM_SPHERE:
+      return centred(s[0], s[0], s[0]);
+    case mjGEOM_CAPSULE:
+      return centred(s[0], s[0], s[0] + s[1]);
+    case mjGEOM_CYLINDER:
+      return centred(s[0], s[0], s[1]);
+    case mjGEOM_MESH: {
+      Box box{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
+      for (int v = m->mesh_vertadr[mesh]; v < m->mesh_vertadr[mesh] + m->mesh_vertnum[mesh]; ++v)
+        for (std::size_t k = 0; k < 3; ++k) {
+          const double x = m->mesh_vert[3 * static_cast<std::size_t>(v) + k];
+          box.low[k] = std::min(box.low[k], x), box.high[k] = std::max(box.high[k], x);
+        }
+      return box;
+    }
+    default:  // boxes and ellipsoids
+      return centred(s[0], s[1], s[2]);
+  }
+}
+
 int groups_shown(const mjModel* m) {
   constexpr int visual = 3;  // MuJoCo draws groups 0 to 2 by default; by custom the others hold collision geometry
   for (int g = 0; g < m->ngeom; ++g)
@@ -75,7 +68,8 @@ std::vector<Point> outline(const mjModel* m, const mjData* d) {
   const int groups = groups_shown(m);
   for (int g = 0; g < m->ngeom; ++g) {
     if (!counts(m, g, groups)) continue;
-    const auto [low, high] = around(m, g);
+    const mjtNum* size = m->geom_size + 3 * g;
+    const auto [low, high] = box_around(m, m->geom_type[g], {size[0], size[1], size[2]}, m->geom_dataid[g]);
     const mjtNum *place = d->geom_xpos + 3 * g, *turn = d->geom_xmat + 9 * g;
     for (int corner = 0; corner < 8; ++corner) {
       const Point p{corner & 1 ? high[0] : low[0], corner & 2 ? high[1] : low[1], corner & 4 ? high[2] : low[2]};

@@ -11,6 +11,15 @@ namespace tribotwin::render {
 
 using Point = std::array<double, 3>;  ///< world axes [m]
 
+/// In the frame of a geom.
+struct Box {
+  Point low, high;
+};
+
+/// Of a geom with bounds: sphere, capsule, ellipsoid, cylinder, box (`size` as mjModel.geom_size has it) or mesh (by
+/// its number; -1 for the others).
+Box box_around(const mjModel* m, int type, const Point& size, int mesh);
+
 /// How many groups of geoms are drawn: the usual three, or all where nothing that moves would be visible.
 int groups_shown(const mjModel* model);
 

@@ -1,8 +1,10 @@
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
+#include <tribotwin/render/offscreen/changes.hpp>
 #include <tribotwin/render/offscreen/renderer.hpp>
 
 namespace tribotwin::render {
@@ -71,6 +73,8 @@ void light_up(mjModel& m) {
   std::ranges::fill(light.specular, 0.2F);
 }
 
+mjrRect whole(Size size) { return {0, 0, size.width, size.height}; }
+
 bool has_sky(const mjModel* m) {
   return std::any_of(m->tex_type, m->tex_type + m->ntex, [](int type) { return type == mjTEXTURE_SKYBOX; });
 }
@@ -124,13 +128,55 @@ struct Renderer::Impl {
   std::vector<std::uint8_t> pixels;
   std::vector<float> depth;  // where the model has no sky
   bool sky = true;
+  bool only_changes;
+  std::optional<Shown> shown;  // of the picture before
+  Image image;
 
   explicit Impl(Context c) : gl(std::move(c)) {}
   ~Impl() {
     mjr_freeContext(&context);
     mjv_freeScene(&scene);
   }
+
+  mjrRect changed_part();
+  void draw_part(mjrRect part);
 };
+
+/// What of the picture must be drawn, in its pixels from the bottom left.
+mjrRect Renderer::Impl::changed_part() {
+  const std::optional<Shown> before = std::exchange(shown, Shown(scene));
+  if (!before || image.width != size.width || image.height != size.height) return whole(size);
+  const auto part = changed(model.get(), *before, *shown, static_cast<double>(size.width) / size.height);
+  if (!part) return {};
+  // Edges of shadows and of what is smoothed reach a little farther.
+  constexpr int margin = 4;
+  const auto low = [](double share, int side) { return std::max(0, static_cast<int>(share * side) - margin); };
+  const auto high = [](double share, int side) { return std::min(side, static_cast<int>(share * side) + 1 + margin); };
+  const int left = low(part->left, size.width), bottom = low(part->bottom, size.height);
+  return {left, bottom, high(part->right, size.width) - left, high(part->top, size.height) - bottom};
+}
+
+/// Draws the scene into this part of the picture, given in its pixels from the bottom left; the rest stays.
+void Renderer::Impl::draw_part(mjrRect part) {
+  if (image.width != size.width || image.height != size.height) image = Image(size.width, size.height);
+  const int s = supersampling;
+  const Size drawn{size.width * s, size.height * s};
+  const mjvGLCamera eyes[2] = {scene.camera[0], scene.camera[1]};
+  const int step = tile_side / s * s;  // whole pixels of the picture
+  const int right = (part.left + part.width) * s, top = (part.bottom + part.height) * s;
+  for (int bottom = part.bottom * s; bottom < top; bottom += step)
+    for (int left = part.left * s; left < right; left += step) {
+      const mjrRect tile{left, bottom, std::min(step, right - left), std::min(step, top - bottom)};
+      for (int eye = 0; eye < 2; ++eye) scene.camera[eye] = tile_of(eyes[eye], drawn, tile);
+      const mjrRect viewport{0, 0, tile.width, tile.height};
+      mjr_render(viewport, &scene, &context);
+      pixels.resize(3 * static_cast<std::size_t>(tile.width) * tile.height);
+      if (!sky) depth.resize(static_cast<std::size_t>(tile.width) * tile.height);
+      mjr_readPixels(pixels.data(), sky ? nullptr : depth.data(), viewport, &context);
+      if (!sky) paint_sky(pixels, depth, tile, drawn.height);
+      shrink(pixels, tile.width, tile.height, s, image, left / s, (drawn.height - bottom - tile.height) / s);
+    }
+}
 
 Renderer::Renderer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Renderer::Renderer(Renderer&&) noexcept = default;
@@ -148,6 +194,7 @@ Result<Renderer> Renderer::create(const mjModel* model, Size size, Quality quali
   auto impl = std::make_unique<Impl>(std::move(*gl));
   impl->size = size;
   impl->supersampling = quality.supersampling;
+  impl->only_changes = quality.only_changes;
   impl->model.reset(mj_copyModel(nullptr, model));
   mjModel* m = impl->model.get();
   const int width = std::min(tile_side, size.width * quality.supersampling),
@@ -196,24 +243,8 @@ Result<Image> Renderer::draw(mjData* d, const View& view, std::span<const Paint>
     geom.emission = glowing / lit;
     geom.specular = geom.reflectance = 0;
   }
-  const int s = r.supersampling;
-  const Size drawn{r.size.width * s, r.size.height * s};
-  const mjvGLCamera eyes[2] = {r.scene.camera[0], r.scene.camera[1]};
-  Image image(r.size.width, r.size.height);
-  const int step = tile_side / s * s;  // whole pixels of the picture
-  for (int bottom = 0; bottom < drawn.height; bottom += step)
-    for (int left = 0; left < drawn.width; left += step) {
-      const mjrRect tile{left, bottom, std::min(step, drawn.width - left), std::min(step, drawn.height - bottom)};
-      for (int eye = 0; eye < 2; ++eye) r.scene.camera[eye] = tile_of(eyes[eye], drawn, tile);
-      const mjrRect viewport{0, 0, tile.width, tile.height};
-      mjr_render(viewport, &r.scene, &r.context);
-      r.pixels.resize(3 * static_cast<std::size_t>(tile.width) * tile.height);
-      if (!r.sky) r.depth.resize(static_cast<std::size_t>(tile.width) * tile.height);
-      mjr_readPixels(r.pixels.data(), r.sky ? nullptr : r.depth.data(), viewport, &r.context);
-      if (!r.sky) paint_sky(r.pixels, r.depth, tile, drawn.height);
-      shrink(r.pixels, tile.width, tile.height, s, image, left / s, (drawn.height - bottom - tile.height) / s);
-    }
-  return image;
+  r.draw_part(r.only_changes ? r.changed_part() : whole(r.size));
+  return r.image;
 }
 
 void pose_kinematics(const mjModel* m, mjData* d) {

@@ -26,9 +26,12 @@ struct Quality {
   int samples = 4;                           ///< multisampling
   int supersampling = 2;                     ///< pixels drawn per pixel of the picture, each way: 1..4
   int slices_max = 1000, stacks_max = 1000;  ///< of cylinders, spheres and the like, which are drawn with facets
+  bool only_changes = false;                 ///< draws only what can differ from the picture before, for films
 };
 /// Of pictures that a page or a film shows smaller, or for a moment: less than a quarter of the time.
 inline constexpr Quality plain_quality{.samples = 4, .supersampling = 1, .slices_max = 40, .stacks_max = 12};
+inline constexpr Quality film_quality{
+    .samples = 4, .supersampling = 1, .slices_max = 40, .stacks_max = 12, .only_changes = true};
 
 /// Where the eye is: a camera of the model by name, or free. Without a name: the camera "overview" if there is one and
 /// no value of a free view is given; else free, with the model's angles and, where neither distance nor point is given,
@@ -46,7 +49,8 @@ struct Paint {
   Colour colour;
 };
 
-/// Draws one model in pictures of one size at a time, in the thread that made it. The same pose gives the same pixels.
+/// Draws one model in pictures of one size at a time, in the thread that made it. The same pose gives the same pixels;
+/// with only_changes a channel may be off by 2 of 255.
 class Renderer {
  public:
   /// Fails on sizes out of range and where the context gives no such framebuffer; the message has the figures.

@@ -77,6 +77,8 @@ Result<void> write_video(const std::filesystem::path& file, twin::Existing exist
                                "pad=ceil(iw/2)*2:ceil(ih/2)*2",
                                "-c:v",
                                "libx264",
+                               "-preset",
+                               "veryfast",
                                "-pix_fmt",
                                "yuv420p",
                                "-crf",

@@ -10,7 +10,7 @@ namespace tribotwin::render {
 
 struct VideoOptions {
   Size size{960, 720};
-  Quality quality = plain_quality;
+  Quality quality = film_quality;
   int frames_per_s = 25;  ///< 1..240
   double length_s = 20;   ///< of the film, independent of the run's duration
 };

@@ -1,0 +1,177 @@
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <span>
+
+#include <tribotwin/render/offscreen/changes.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+template <class T>
+bool same(std::span<const T> a, std::span<const T> b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
+}
+
+Point point(const float* p) { return {p[0], p[1], p[2]}; }
+Point along(const Point& from, const Point& way, double times) {
+  return {from[0] + times * way[0], from[1] + times * way[1], from[2] + times * way[2]};
+}
+Point to(const Point& from, const Point& there) { return along(there, from, -1); }
+double dot(const Point& a, const Point& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+bool bounded(int type) {
+  return type == mjGEOM_SPHERE || type == mjGEOM_CAPSULE || type == mjGEOM_ELLIPSOID || type == mjGEOM_CYLINDER ||
+         type == mjGEOM_BOX || type == mjGEOM_MESH;
+}
+
+/// The corners of the box around a bounded geom, world axes [m].
+std::array<Point, 8> corners(const mjModel* m, const mjvGeom& geom) {
+  // A drawn mesh has twice its number, or one more for its convex hull.
+  const Box box = box_around(m, geom.type, point(geom.size), geom.type == mjGEOM_MESH ? geom.dataid / 2 : -1);
+  std::array<Point, 8> all;
+  for (int i = 0; i < 8; ++i) {
+    const Point p{i & 1 ? box.high[0] : box.low[0], i & 2 ? box.high[1] : box.low[1], i & 4 ? box.high[2] : box.low[2]};
+    for (int k = 0; k < 3; ++k)
+      all[i][k] = geom.pos[k] + geom.mat[3 * k] * p[0] + geom.mat[3 * k + 1] * p[1] + geom.mat[3 * k + 2] * p[2];
+  }
+  return all;
+}
+
+struct Plane {
+  Point at, normal;
+  bool hides;  ///< what lies behind it: it has no ends, and the eye is in front
+
+  double height_of(const Point& p) const { return dot(to(at, p), normal); }
+};
+
+/// What a shadow can fall on: planes, and a ball around everything else.
+struct Receivers {
+  std::vector<Plane> planes;
+  Point middle{};
+  double radius_m = 0;
+};
+
+Receivers receivers(const mjModel* m, const Shown& shown) {
+  Receivers all;
+  std::vector<Point> points;
+  for (const mjvGeom& geom : shown.geoms)
+    if (geom.type == mjGEOM_PLANE) {
+      Plane plane{point(geom.pos), {geom.mat[2], geom.mat[5], geom.mat[8]}, false};
+      plane.hides = geom.size[0] == 0 && geom.size[1] == 0 && geom.rgba[3] == 1 &&
+                    std::ranges::all_of(shown.eyes, [&](auto& eye) { return plane.height_of(point(eye.pos)) > 0; });
+      all.planes.push_back(plane);
+    } else if (bounded(geom.type)) {
+      std::ranges::copy(corners(m, geom), std::back_inserter(points));
+    }
+  for (const Point& p : points) all.middle = along(all.middle, p, 1.0 / static_cast<double>(points.size()));
+  for (const Point& p : points)
+    all.radius_m = std::max(all.radius_m, std::sqrt(dot(to(all.middle, p), to(all.middle, p))));
+  return all;
+}
+
+/// How far a shadow reaches from p, as a multiple of `way`, until nothing is left for it to fall on that can be seen.
+double reach(const Receivers& receivers, const Point& p, const Point& way) {
+  const double length = std::sqrt(dot(way, way));
+  if (length == 0) return 0;
+  double times = std::max(0.0, dot(to(p, receivers.middle), way) / (length * length) + receivers.radius_m / length);
+  double hidden = infinity;
+  for (const Plane& plane : receivers.planes) {
+    const double down = -dot(way, plane.normal), height = plane.height_of(p);
+    if (down == 0) continue;
+    times = std::max(times, height / down);
+    if (plane.hides && down > 0) hidden = std::min(hidden, std::max(0.0, height / down));
+  }
+  return std::min(times, hidden);
+}
+
+/// The rectangle around points that one eye sees; all of the picture once a point is not in front of it.
+class Seen {
+ public:
+  Seen(const mjvGLCamera& eye, double aspect) : eye_(eye), aspect_(aspect) {}
+
+  void add(const Point& p) {
+    const Point ahead = point(eye_.forward), up = point(eye_.up), from_eye = to(point(eye_.pos), p);
+    const Point right{ahead[1] * up[2] - ahead[2] * up[1], ahead[2] * up[0] - ahead[0] * up[2],
+                      ahead[0] * up[1] - ahead[1] * up[0]};
+    const double depth = dot(from_eye, ahead), near = eye_.frustum_near;
+    if (!(depth > near)) {
+      part_ = whole_picture;
+      return;
+    }
+    const double height = eye_.frustum_top - eye_.frustum_bottom, width = height * aspect_;
+    const double x = (dot(from_eye, right) / depth * near - eye_.frustum_center) / width + 0.5;
+    const double y = (dot(from_eye, up) / depth * near - eye_.frustum_bottom) / height;
+    part_ = {std::min(part_.left, x), std::max(part_.right, x), std::min(part_.bottom, y), std::max(part_.top, y)};
+  }
+
+  Part within_picture() const {
+    const auto inside = [](double share) { return std::clamp(share, 0.0, 1.0); };
+    return {inside(part_.left), inside(part_.right), inside(part_.bottom), inside(part_.top)};
+  }
+
+ private:
+  mjvGLCamera eye_;
+  double aspect_;
+  Part part_{infinity, -infinity, infinity, -infinity};
+};
+
+/// Adds a geom and the shadows that it throws.
+void add(const mjModel* m, const mjvGeom& geom, const Shown& shown, const Receivers& receivers, Seen& seen) {
+  for (const Point& p : corners(m, geom)) {
+    seen.add(p);
+    for (const mjvLight& light : shown.lights) {
+      if (!light.castshadow) continue;
+      const Point way = light.directional ? point(light.dir) : to(point(light.pos), p);
+      seen.add(along(p, way, reach(receivers, p, way)));
+    }
+  }
+}
+
+bool mirrors(const Shown& shown) {
+  return std::ranges::any_of(shown.geoms, [](const mjvGeom& geom) { return geom.reflectance > 0; });
+}
+
+bool parallel(const auto& eye) {
+  if constexpr (requires { eye.orthographic; })
+    return eye.orthographic;
+  else
+    return false;
+}
+
+bool soft(const mjModel* m) {
+#if mjVERSION_HEADER >= 300
+  if (m->nflex > 0) return true;
+#endif
+  return m->nskin > 0;
+}
+
+}  // namespace
+
+Shown::Shown(const mjvScene& scene)
+    : geoms(scene.geoms, scene.geoms + scene.ngeom),
+      lights(scene.lights, scene.lights + scene.nlight),
+      eyes{scene.camera[0], scene.camera[1]} {}
+
+std::optional<Part> changed(const mjModel* m, const Shown& before, const Shown& now, double aspect) {
+  if (!same<mjvGLCamera>(before.eyes, now.eyes) || !same<mjvLight>(before.lights, now.lights) ||
+      before.geoms.size() != now.geoms.size() || mirrors(before) || mirrors(now) || parallel(now.eyes[0]) || soft(m))
+    return whole_picture;
+  const Receivers before_all = receivers(m, before), now_all = receivers(m, now);
+  Seen seen(mjv_averageCamera(&now.eyes[0], &now.eyes[1]), aspect);
+  bool differs = false;
+  for (std::size_t i = 0; i < now.geoms.size(); ++i) {
+    const mjvGeom &old = before.geoms[i], &geom = now.geoms[i];
+    if (same<mjvGeom>({&old, 1}, {&geom, 1})) continue;
+    if (!bounded(old.type) || !bounded(geom.type)) return whole_picture;
+    add(m, old, before, before_all, seen);
+    add(m, geom, now, now_all, seen);
+    differs = true;
+  }
+  return differs ? std::optional(seen.within_picture()) : std::nullopt;
+}
+
+}  // namespace tribotwin::render
