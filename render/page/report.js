@@ -80,7 +80,8 @@ class Chart {
     this.svg.addEventListener('blur', () => this.everywhere((chart) => chart.leave()));
     this.svg.addEventListener('dblclick', () => this.look(null));
     this.svg.addEventListener('keydown', (event) => this.typed(event));
-    new ResizeObserver(() => this.draw()).observe(this.area);
+    // In the next frame: a drawing changes the height of what is observed, and browsers complain of loops.
+    new ResizeObserver(() => requestAnimationFrame(() => this.draw())).observe(this.area);
   }
 
   /// Those with the same time, or this one alone.

@@ -61,6 +61,11 @@ class Tab:
         threading.Thread(target=self.listen, daemon=True).start()
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.command(domain + ".enable")
+        # Errors without an exception, such as loops of observers, are told to the page alone.
+        tell = (
+            "addEventListener('error', (event) => { if (!event.error && event.message) console.error(event.message); })"
+        )
+        self.command("Page.addScriptToEvaluateOnNewDocument", source=tell)
 
     def listen(self):
         try:
