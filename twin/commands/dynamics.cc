@@ -362,6 +362,11 @@ Setting setting_of(const Arguments& a, const Regressor& regressor, const frictio
           .prior = a.prior_percent.value_or(0) / 100};
 }
 
+bool finds_lag(const Arguments& a) { return a.lag == std::vector<std::string>{"auto"}; }
+bool knows_lag(const Arguments& a) {
+  return !a.lag.empty() && !finds_lag(a) && a.lag != std::vector<std::string>{"none"};
+}
+
 /// What the options leave to the choice.
 Decided decided(const Arguments& a, const Regressor& regressor) {
   Decided d;
@@ -373,7 +378,9 @@ Decided decided(const Arguments& a, const Regressor& regressor) {
   if (a.asymmetry) d.asymmetry = true;
   if (a.robust != "auto") d.robust = robust_of(a.robust);
   if (a.no_rotor_inertia) d.rotor_inertia = false;
-  d.lag = !a.lag.empty();
+  d.lag = !a.lag.empty() && !finds_lag(a);
+  d.take_lag = finds_lag(a);
+  if (knows_lag(a)) d.lag_s = given_lags(a.lag, regressor);
   if (a.prior_percent) d.prior = *a.prior_percent / 100;
   if (a.iv) d.instruments = true;
   return d;
@@ -406,8 +413,6 @@ DynamicsChoice choice_of(const Arguments& a, const friction::LawInfo* given, con
   return {.setting = setting_of(a, robot.regressor, *given), .trials = {}};
 }
 
-bool finds_lag(const Arguments& a) { return a.lag == std::vector<std::string>{"auto"}; }
-
 Result<DynamicsFit> fit_of(const Arguments& a, const Robot& robot, const DynamicsChoice& choice,
                            const RobotFriction& friction, std::span<const thermal::Model> models,
                            const std::optional<Instruments>& instruments, JointMotion& motion, Progress& progress) {
@@ -428,7 +433,7 @@ Result<DynamicsFit> fit_of(const Arguments& a, const Robot& robot, const Dynamic
 /// Those of --lag: as given, or none. They are not estimates.
 std::vector<Estimate> given_lag(const Arguments& a, const Regressor& regressor, Preparation& signals) {
   std::vector<Estimate> out;
-  if (finds_lag(a) || a.lag.empty() || a.lag == std::vector<std::string>{"none"}) return out;
+  if (!knows_lag(a)) return out;
   signals.lag_s = given_lags(a.lag, regressor);
   constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
   for (std::size_t j = 0; j < signals.lag_s.size(); ++j)
@@ -789,7 +794,7 @@ Result<Exit> execute(const Arguments& a) {
   const Fit again = [&](JointMotion& m) {
     return fit_of(a, robot, choice, *friction, models, instruments, m, progress);
   };
-  const bool lag_open = finds_lag(a) || !choice.setting.signals.lag_s.empty();
+  const bool lag_open = finds_lag(a) || (a.lag.empty() && !choice.setting.signals.lag_s.empty());
   auto fit = lag_open ? without_lag(robot, recordings, signals, again, motion, lag) : again(motion);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
   std::vector<std::string> left_out = left_out_of(robot, motion);

@@ -23,8 +23,10 @@ struct Decided {
   std::optional<bool> asymmetry, offset, rotor_inertia;
   std::optional<double> prior;
   std::optional<std::vector<std::string>> by_position;  ///< Setting::by_position
-  bool coupling = false;  ///< no motor turns with several joints but those of the regressor
-  bool lag = false;       ///< of torques is none, or known
+  bool coupling = false;      ///< no motor turns with several joints but those of the regressor
+  bool lag = false;           ///< of torques is none, or known
+  std::vector<double> lag_s;  ///< the known one, as in Preparation
+  bool take_lag = false;      ///< one that is found is taken whatever it brings
   std::optional<Robust> robust;
   bool instruments = false;  ///< only what instrumental variables know: knows_instruments() of the law, and no
                              ///< asymmetry, torque by position, robust loss, prior and lag

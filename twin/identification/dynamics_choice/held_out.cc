@@ -87,7 +87,8 @@ Comparison compared(const Errors& a, const Errors& b) {
     double sum = 0;
     Index joints = 0;
     for (Index j = 0; j < a.mean.rows(); ++j)
-      if (!std::isnan(a.mean(j, s))) sum += (a.mean(j, s) - b.mean(j, s)) / (2 * b.rms(j) * b.rms(j)), ++joints;
+      if (!std::isnan(a.mean(j, s)) && !std::isnan(b.mean(j, s)))
+        sum += (a.mean(j, s) - b.mean(j, s)) / (2 * b.rms(j) * b.rms(j)), ++joints;
     if (joints) own.push_back(sum / static_cast<double>(joints));
   }
   const auto n = static_cast<double>(own.size());

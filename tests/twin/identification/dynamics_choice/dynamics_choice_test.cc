@@ -206,10 +206,30 @@ TEST(Choice, SaysInWhichBandErrorsOfALagAreCounted) {
   const DynamicsChoice choice = arm.choice(recordings);
   ASSERT_TRUE(taken(choice, "lag of torques"));
   EXPECT_EQ(choice.lag_target_hz, choice.setting.signals.cutoff_hz);
+  // What the lag gains is not what a narrower band gains: it is the same where that band is the only one.
+  const DynamicsChoice one_band = arm.choice(recordings, {.cutoff_hz = choice.lag_target_hz});
+  ASSERT_TRUE(taken(one_band, "lag of torques"));
+  EXPECT_NEAR(taken(choice, "lag of torques")->change, taken(one_band, "lag of torques")->change, 0.02);
   // Of white noise a band keeps the root of its share.
   const double noise_nm = 2 * std::sqrt(2 * choice.lag_target_hz / 125);
   EXPECT_THAT(choice.trials.back().rms,
               testing::Each(testing::AllOf(testing::Gt(0.8 * noise_nm), testing::Lt(1.5 * noise_nm))));
+}
+
+TEST(Choice, ComparesWithoutALagThatIsKnown) {
+  Arm arm;
+  const auto on_time = arm.recordings({}, 40);
+  auto late = on_time;
+  for (auto& r : late)
+    for (Index i = r.torque.cols() - 1; i >= 3; --i) r.torque.col(i) = r.torque.col(i - 3);
+  const Decided none{.cutoff_hz = 12, .law = &coulomb_viscous(), .coupling = true, .lag = true};
+  Decided known = none;
+  known.lag_s = {3 / 125., 3 / 125.};
+  const DynamicsChoice choice = arm.choice(late, known);
+  EXPECT_EQ(choice.setting.signals.lag_s, known.lag_s);
+  const VectorXd rms = arm.choice(on_time, none).trials.front().rms;
+  EXPECT_LT(choice.trials.front().rms(0), 1.1 * rms(0));
+  EXPECT_GT(arm.choice(late, none).trials.front().rms(0), 1.5 * rms(0));
 }
 
 TEST(Choice, FindsAMotorThatTurnsWithTwoJoints) {
@@ -224,6 +244,19 @@ TEST(Choice, FindsAMotorThatTurnsWithTwoJoints) {
   Decided none = quick;
   none.coupling = true;
   EXPECT_THAT(arm.choice(training, none).setting.motors, testing::IsEmpty());
+}
+
+// A joint that one of two motions leaves at rest for a while says nothing of the other's error then.
+TEST(HeldOut, ComparesStretchesThatBothHave) {
+  const double none = std::numeric_limits<double>::quiet_NaN();
+  const Errors a{.rms = VectorXd{{1, 2}}, .mean = Eigen::MatrixXd{{1, 1.2, 0.8, none}, {4, 4, 4, 4}}};
+  const Errors b{.rms = VectorXd{{1.1, 2}}, .mean = Eigen::MatrixXd{{1.3, 1.1, none, 1.2}, {4, 4, 4, 4}}};
+  const Comparison c = compared(a, b);
+  EXPECT_NEAR(c.change, std::sqrt(1 / 1.1) - 1, 1e-12);
+  // Of stretches: (1 - 1.3, 1.2 - 1.1) / (4 1.1^2) of both joints, and 0 where the second alone is known.
+  const double first = -0.3 / 4.84, second = 0.1 / 4.84, mean = (first + second) / 4;
+  const double squares = (first - mean) * (first - mean) + (second - mean) * (second - mean) + 2 * mean * mean;
+  EXPECT_NEAR(c.sigma, std::sqrt(squares / 12), 1e-12);
 }
 
 // Of a robust fit too: who says which samples are outliers has not seen those that are predicted.
