@@ -3,7 +3,6 @@
 #include <cmath>
 #include <cstring>
 #include <map>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <pugixml.hpp>
@@ -216,10 +215,9 @@ Result<std::vector<SensorElement>> read_sensors(const std::vector<Source>& sourc
 
 /// The text of a model, one element per line.
 std::string saved(const pugi::xml_document& document, Origins& origins) {
-  std::ostringstream text;
-  document.save(text);
-  origins.saved_as(text.str(), document);
-  return text.str();
+  std::string text = text_of(document);
+  origins.saved_as(text, document);
+  return text;
 }
 
 #if !TRIBOTWIN_ENGINE_PLUGINS

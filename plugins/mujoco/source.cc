@@ -383,6 +383,15 @@ void make_asset_folders_absolute(pugi::xml_document& document, const std::filesy
   }
 }
 
+std::string text_of(const pugi::xml_document& document, unsigned format) {
+  struct Writer : pugi::xml_writer {
+    std::string text;
+    void write(const void* data, std::size_t size) override { text.append(static_cast<const char*>(data), size); }
+  } writer;
+  document.save(writer, "  ", format);
+  return std::move(writer.text);
+}
+
 Result<std::unique_ptr<pugi::xml_document>> load_merged(const std::filesystem::path& file) {
   const auto text = read_text(file);
   if (!text) return tl::unexpected(text.error());

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
 #include <fmt/format.h>
 
@@ -88,9 +87,7 @@ Result<void> name_joints(ForeignModel& foreign) {
     changed = true;
   }
   if (!changed) return {};
-  std::ostringstream text;
-  foreign.document->save(text);
-  auto named = mujoco::load_string(text.str());
+  auto named = mujoco::load_string(mujoco::text_of(*foreign.document));
   if (!named) return tl::unexpected(named.error());
   foreign.model = *named;
   return {};
@@ -548,15 +545,13 @@ Result<std::shared_ptr<const mujoco::Model>> checked(pugi::xml_document& documen
       set_everywhere(document, "option", "timestep", fmt::format("{:g}", timestep_s));
       stiffen(document, plans, timestep_s);
     }
-    std::ostringstream text;
-    document.save(text, "  ", pugi::format_default | pugi::format_no_declaration);
-    auto model = mujoco::load_string(text.str(), {}, folder);
+    mjcf = mujoco::text_of(document, no_declaration);
+    auto model = mujoco::load_string(mjcf, {}, folder);
     const bool too_long = !model && model.error().message.find("time step") != std::string::npos;
     if (too_long && timestep_s > 5e-5) continue;
     if (model && timestep_s < asked_s)
       notes.push_back(fmt::format("time step {:g} s instead of {:g} s, for the friction of the lightest joint",
                                   timestep_s, asked_s));
-    mjcf = text.str();
     return model;
   }
 }

@@ -1,7 +1,6 @@
-#include <sstream>
-
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/mujoco/source.hpp>
 #include <tribotwin/twin/gears/drive_elements.hpp>
 
 namespace tribotwin::twin {
@@ -11,12 +10,6 @@ pugi::xml_node append_comment(pugi::xml_node parent, const std::string& text) {
   pugi::xml_node comment = parent.append_child(pugi::node_comment);
   comment.set_value((" " + text + " ").c_str());
   return comment;
-}
-
-std::string saved(const pugi::xml_document& document) {
-  std::ostringstream text;
-  document.save(text, "  ", pugi::format_default | pugi::format_no_declaration);
-  return text.str();
 }
 
 }  // namespace
@@ -82,7 +75,7 @@ std::string drive_elements(const std::string& name, const drive::Drive& drive) {
   set_attribute(actuator.last_child(), "ctrllimited", "true");
   set_attribute(actuator.last_child(), "ctrlrange",
                 fmt::format("{0:g} {1:g}", -drive.torque_max_nm, drive.torque_max_nm));
-  return saved(document);
+  return mujoco::text_of(document, no_declaration);
 }
 
 std::string spring_elements(const std::string& name, const transmission::Hysteresis& spring) {
@@ -109,7 +102,7 @@ std::string spring_elements(const std::string& name, const transmission::Hystere
                                          {"actdim", "1"},
                                          {"dyntype", "user"}})
     set_attribute(element, attribute, value);
-  return saved(document);
+  return mujoco::text_of(document, no_declaration);
 }
 
 }  // namespace tribotwin::twin

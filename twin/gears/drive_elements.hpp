@@ -11,6 +11,9 @@
 /// them.
 namespace tribotwin::twin {
 
+/// For text_of(): what begins with <mujoco>.
+inline constexpr unsigned no_declaration = pugi::format_default | pugi::format_no_declaration;
+
 /// <instance name=""> with its keys, appended to `plugin`.
 pugi::xml_node append_instance(pugi::xml_node plugin, const std::string& name, const drive::Configuration& keys);
 

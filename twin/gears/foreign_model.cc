@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <unistd.h>
@@ -58,12 +57,6 @@ std::string with_version(const std::string& message) {
       message, mj_versionString(), hint);
 }
 
-std::string text_of(const pugi::xml_document& document) {
-  std::ostringstream text;
-  document.save(text, "  ");
-  return text.str();
-}
-
 bool has_asset_files(const pugi::xml_document& document) {
   return static_cast<bool>(document.select_node("//asset/*[@*[starts-with(name(), 'file')]]"));
 }
@@ -71,10 +64,10 @@ bool has_asset_files(const pugi::xml_document& document) {
 /// The model of a document whose folders are absolute. On engines before 3.0 limits are not automatic: a model of
 /// today then needs autolimits.
 Result<std::shared_ptr<const mujoco::Model>> compiled(ForeignModel& foreign, const fs::path& folder) {
-  auto model = mujoco::load_string(text_of(*foreign.document), {}, folder);
+  auto model = mujoco::load_string(mujoco::text_of(*foreign.document), {}, folder);
   if (model || model.error().message.find("autolimits") == std::string::npos) return model;
   set_attribute(foreign.document->document_element().append_child("compiler"), "autolimits", "true");
-  model = mujoco::load_string(text_of(*foreign.document), {}, folder);
+  model = mujoco::load_string(mujoco::text_of(*foreign.document), {}, folder);
   if (model)
     foreign.notes.emplace_back("limits follow from ranges (compiler autolimits=\"true\"), as newer engines do");
   return model;

@@ -19,18 +19,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Not through a stream, which swallows a lack of memory.
-struct TextWriter : pugi::xml_writer {
-  std::string text;
-  void write(const void* data, std::size_t size) override { text.append(static_cast<const char*>(data), size); }
-};
-
-std::string text_of(const pugi::xml_document& document) {
-  TextWriter writer;
-  document.save(writer, "  ");
-  return std::move(writer.text);
-}
-
 void absolute_folders(pugi::xml_node root, const fs::path& folder) {
   for (const char* attribute : {"meshdir", "texturedir"}) {
     std::string given;
@@ -92,7 +80,7 @@ std::string without_scenery(const std::string& text, const mujoco::Model& m) {
        {"//worldbody//geom", "//worldbody//site", "//worldbody//light", "//worldbody//camera", "//asset", "//visual"})
     for (const auto& match : document.select_nodes(path)) match.node().parent().remove_child(match.node());
   for (const auto& match : document.select_nodes("//@material")) match.parent().remove_attribute(match.attribute());
-  return text_of(document);
+  return mujoco::text_of(document);
 }
 
 /// Whether both models move exactly alike, without contacts, for a whole turn in each direction.
@@ -262,7 +250,7 @@ std::string VariantTwins::edited(const std::string& text, std::span<const double
     for (std::size_t k = 0; k < 3; ++k) lever.centre[k] += longer * lever.across[k];
     set_inertia(in.joint(0).parent(), *given_, body, other.mass_kg.value_or((*given_)->body_mass[body]), lever.centre);
   }
-  return text_of(document);
+  return mujoco::text_of(document);
 }
 
 Result<std::shared_ptr<const mujoco::Model>> VariantTwins::load(const std::string& text, std::span<const double> values,
@@ -289,7 +277,7 @@ Result<VariantTwins> VariantTwins::open(const Variant& variant) {
   absolute_folders((*document)->document_element(), folder);
   if (const auto shared = shared_instance(**document); !shared.empty())
     return tl::unexpected(fmt::format("model: two drives share the instance '{}'; give each its own", shared));
-  twins.text_ = text_of(**document);
+  twins.text_ = mujoco::text_of(**document);
 
   std::vector<double> values;
   for (const auto& q : variant.quantities) values.push_back(q.start);
@@ -340,7 +328,7 @@ std::string VariantTwins::mjcf(std::span<const double> values, const Bench& benc
     for (const auto& match : document.select_nodes("/mujoco/custom/text"))
       if (mark == match.node().attribute("name").value()) match.node().parent().remove_child(match.node());
   }
-  return text_of(document);
+  return mujoco::text_of(document);
 }
 
 Result<VariantTwins::Candidate> VariantTwins::candidate(std::vector<double> values) const {

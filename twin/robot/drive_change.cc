@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <pugixml.hpp>
@@ -83,9 +82,7 @@ Result<std::shared_ptr<const mujoco::Model>> load_with_drives(const std::filesys
       if (match.node().attribute("name").value() == *instance)
         if (const auto ok = change(match.node(), one.keys); !ok) return tl::unexpected(ok.error());
   }
-  std::ostringstream text;
-  (*document)->save(text);
-  return mujoco::load_string(text.str(), options, folder);
+  return mujoco::load_string(mujoco::text_of(**document), options, folder);
 }
 
 Result<std::shared_ptr<const mujoco::Model>> load_with_drive(const std::filesystem::path& file,

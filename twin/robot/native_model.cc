@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
 #include <Eigen/Dense>
 #include <fmt/format.h>
@@ -124,9 +123,7 @@ Result<NativeModel> native_model(const std::filesystem::path& file, std::optiona
   if (document.select_node("//asset/*[@file] | //asset/*[@fileright]"))
     mujoco::make_asset_folders_absolute(document, file.parent_path());
 
-  std::ostringstream text;
-  document.save(text, "  ");
-  native.xml = text.str();
+  native.xml = mujoco::text_of(document);
   if (const auto readable = mujoco::load_string(native.xml); !readable)
     return work_failed(
         fmt::format("{}: without drives it does not load ({})", file.string(), readable.error().message));

@@ -1,4 +1,3 @@
-#include <sstream>
 
 #include <fmt/format.h>
 #include <pugixml.hpp>
@@ -59,9 +58,7 @@ Result<std::vector<FmuFile>> model_files(const fs::path& file, const std::string
   }
   for (pugi::xml_node compiler : root.children("compiler"))
     for (const char* gone : {"assetdir", "meshdir", "texturedir", "strippath"}) compiler.remove_attribute(gone);
-  std::ostringstream text;
-  (*document)->save(text);
-  files.push_back({folder + "/model.xml", text.str()});
+  files.push_back({folder + "/model.xml", mujoco::text_of(**document)});
   return files;
 }
 
