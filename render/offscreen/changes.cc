@@ -119,13 +119,20 @@ class Seen {
   Part part_{infinity, -infinity, infinity, -infinity};
 };
 
+bool is_directional(const auto& light) {
+  if constexpr (requires { light.directional; })
+    return light.directional;
+  else
+    return light.type == 1;  // mjLIGHT_DIRECTIONAL, of which 2.2.2 has no name
+}
+
 /// Adds a geom and the shadows that it throws.
 void add(const mjModel* m, const mjvGeom& geom, const Shown& shown, const Receivers& receivers, Seen& seen) {
   for (const Point& p : corners(m, geom)) {
     seen.add(p);
     for (const mjvLight& light : shown.lights) {
       if (!light.castshadow) continue;
-      const Point way = light.directional ? point(light.dir) : to(point(light.pos), p);
+      const Point way = is_directional(light) ? point(light.dir) : to(point(light.pos), p);
       seen.add(along(p, way, reach(receivers, p, way)));
     }
   }
