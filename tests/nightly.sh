@@ -35,8 +35,10 @@ coverage() {
   /usr/bin/python3 tests/coverage.py build/coverage && return $passed
 }
 soak() {
+  local first=(chrt --rr 1)
+  "${first[@]}" true 2> /dev/null || first=()
   cmake --preset release && cmake --build --preset release --target tribotwin-hil socketcand_round_trip &&
-    /usr/bin/python3 tests/soak.py build/release "${MINUTES:-60}"
+    "${first[@]}" /usr/bin/python3 tests/soak.py build/release "${MINUTES:-60}"
 }
 
 for part in "$@"; do

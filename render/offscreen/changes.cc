@@ -2,6 +2,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <numbers>
 #include <span>
 
 #include <tribotwin/render/offscreen/changes.hpp>
@@ -30,8 +31,11 @@ bool bounded(int type) {
 
 /// The corners of the box around a bounded geom, world axes [m].
 std::array<Point, 8> corners(const mjModel* m, const mjvGeom& geom) {
+  Point size = point(geom.size);
+  // What is drawn has its half length as third size, what the model has as second.
+  if (geom.type == mjGEOM_CAPSULE || geom.type == mjGEOM_CYLINDER) size[1] = size[2];
   // A drawn mesh has twice its number, or one more for its convex hull.
-  const Box box = box_around(m, geom.type, point(geom.size), geom.type == mjGEOM_MESH ? geom.dataid / 2 : -1);
+  const Box box = box_around(m, geom.type, size, geom.type == mjGEOM_MESH ? geom.dataid / 2 : -1);
   std::array<Point, 8> all;
   for (int i = 0; i < 8; ++i) {
     const Point p{i & 1 ? box.high[0] : box.low[0], i & 2 ? box.high[1] : box.low[1], i & 4 ? box.high[2] : box.low[2]};
@@ -73,19 +77,67 @@ Receivers receivers(const mjModel* m, const Shown& shown) {
   return all;
 }
 
-/// How far a shadow reaches from p, as a multiple of `way`, until nothing is left for it to fall on that can be seen.
-double reach(const Receivers& receivers, const Point& p, const Point& way) {
-  const double length = std::sqrt(dot(way, way));
-  if (length == 0) return 0;
-  double times = std::max(0.0, dot(to(p, receivers.middle), way) / (length * length) + receivers.radius_m / length);
-  double hidden = infinity;
+bool is_directional(const auto& light) {
+  if constexpr (requires { light.directional; })
+    return light.directional;
+  else
+    return light.type == 1;  // mjLIGHT_DIRECTIONAL, of which 2.2.2 has no name
+}
+
+/// Which way the light goes on from p.
+Point way_of(const mjvLight& light, const Point& p) {
+  return is_directional(light) ? point(light.dir) : to(point(light.pos), p);
+}
+
+/// How steeply the light falls on a plane from each of these points; nothing where it falls on it from some alone.
+std::optional<std::array<double, 8>> down(const mjvLight& light, const Plane& plane,
+                                          const std::array<Point, 8>& points) {
+  std::array<double, 8> all;
+  std::ranges::transform(points, all.begin(), [&](const Point& p) { return -dot(way_of(light, p), plane.normal); });
+  const bool one_side = std::ranges::all_of(all, [&](double d) { return d != 0 && (d > 0) == (all[0] > 0); });
+  return one_side ? std::optional(all) : std::nullopt;
+}
+
+/// Where the shadow of a box with these corners ends, behind all that it can fall on; nothing where it has no end.
+std::optional<std::array<Point, 8>> ends(const std::array<Point, 8>& points, const mjvLight& light,
+                                         const Receivers& receivers) {
+  std::array<double, 8> times{};
+  const auto reach = [&](const Plane& plane, const std::array<double, 8>& steep) {
+    for (int i = 0; i < 8; ++i) times[i] = std::max(times[i], plane.height_of(points[i]) / steep[i]);
+  };
+  const auto ended = [&] {
+    std::array<Point, 8> all;
+    for (int i = 0; i < 8; ++i) all[i] = along(points[i], way_of(light, points[i]), times[i]);
+    return all;
+  };
+  for (const Plane& plane : receivers.planes)
+    if (const auto steep = down(light, plane, points); plane.hides && steep && steep->front() > 0) {
+      reach(plane, *steep);
+      return ended();
+    }
+  // Else up to a plane across the light's way that leaves the ball behind it, and to all planes.
+  const Point middle = along(points[0], to(points[0], points[7]), 0.5), axis = way_of(light, middle);
+  const double length = std::sqrt(dot(axis, axis));
+  const Plane last{along(receivers.middle, axis, receivers.radius_m / length), along({}, axis, -1 / length), false};
+  const auto ahead = down(light, last, points);
+  if (!(length > 0) || !ahead || ahead->front() < 0) return std::nullopt;
+  reach(last, *ahead);
   for (const Plane& plane : receivers.planes) {
-    const double down = -dot(way, plane.normal), height = plane.height_of(p);
-    if (down == 0) continue;
-    times = std::max(times, height / down);
-    if (plane.hides && down > 0) hidden = std::min(hidden, std::max(0.0, height / down));
+    const auto steep = down(light, plane, points);
+    if (!steep) return std::nullopt;
+    reach(plane, *steep);
   }
-  return std::min(times, hidden);
+  return ended();
+}
+
+/// A pixel of the shadow map where it falls on p [m].
+double shadow_pixel_m(const mjModel* m, const mjvLight& light, const Point& p) {
+  const Point way = way_of(light, p);
+  constexpr double to_rad = std::numbers::pi / 180;
+  const double half = is_directional(light)
+                          ? m->vis.map.shadowclip * m->stat.extent
+                          : std::sqrt(dot(way, way)) * std::tan(std::min<double>(light.cutoff, 80) * to_rad);
+  return 2 * half / m->vis.quality.shadowsize;
 }
 
 /// The rectangle around points that one eye sees; all of the picture once a point is not in front of it.
@@ -119,34 +171,45 @@ class Seen {
   Part part_{infinity, -infinity, infinity, -infinity};
 };
 
-bool is_directional(const auto& light) {
-  if constexpr (requires { light.directional; })
-    return light.directional;
-  else
-    return light.type == 1;  // mjLIGHT_DIRECTIONAL, of which 2.2.2 has no name
-}
-
-/// Adds a geom and the shadows that it throws.
-void add(const mjModel* m, const mjvGeom& geom, const Shown& shown, const Receivers& receivers, Seen& seen) {
-  for (const Point& p : corners(m, geom)) {
-    seen.add(p);
-    for (const mjvLight& light : shown.lights) {
-      if (!light.castshadow) continue;
-      const Point way = is_directional(light) ? point(light.dir) : to(point(light.pos), p);
-      seen.add(along(p, way, reach(receivers, p, way)));
+/// Adds a geom and the shadows that it throws; false where they have no end.
+bool add(const mjModel* m, const mjvGeom& geom, const Shown& shown, const Receivers& receivers, Seen& seen) {
+  const auto points = corners(m, geom);
+  for (const Point& p : points) seen.add(p);
+  for (const mjvLight& light : shown.lights) {
+    if (!light.castshadow) continue;
+    const auto shadow = ends(points, light, receivers);
+    if (!shadow) return false;
+    for (const Point& p : *shadow) {
+      const double more_m = 2 * shadow_pixel_m(m, light, p);
+      for (int axis = 0; axis < 3; ++axis)
+        for (const double shift_m : {-more_m, more_m}) {
+          Point beside = p;
+          beside[axis] += shift_m;
+          seen.add(beside);
+        }
     }
   }
+  return true;
 }
 
 bool mirrors(const Shown& shown) {
   return std::ranges::any_of(shown.geoms, [](const mjvGeom& geom) { return geom.reflectance > 0; });
 }
 
-bool parallel(const auto& eye) {
+/// An eye of MuJoCo 3.x that sees in parallel, or as a sensor does.
+bool special(const auto& eye) {
   if constexpr (requires { eye.orthographic; })
-    return eye.orthographic;
+    return eye.orthographic || eye.frustum_width != 0;
   else
     return false;
+}
+
+/// A height field, or what else has a surface but no bounds here, that a shadow can fall on.
+bool shaded_without_bounds(const Shown& shown) {
+  return std::ranges::any_of(shown.lights, [](const mjvLight& light) { return light.castshadow; }) &&
+         std::ranges::any_of(shown.geoms, [](const mjvGeom& geom) {
+           return geom.type < mjNGEOMTYPES && geom.type != mjGEOM_PLANE && !bounded(geom.type);
+         });
 }
 
 bool soft(const mjModel* m) {
@@ -165,7 +228,8 @@ Shown::Shown(const mjvScene& scene)
 
 std::optional<Part> changed(const mjModel* m, const Shown& before, const Shown& now, double aspect) {
   if (!same<mjvGLCamera>(before.eyes, now.eyes) || !same<mjvLight>(before.lights, now.lights) ||
-      before.geoms.size() != now.geoms.size() || mirrors(before) || mirrors(now) || parallel(now.eyes[0]) || soft(m))
+      before.geoms.size() != now.geoms.size() || mirrors(before) || mirrors(now) || special(now.eyes[0]) || soft(m) ||
+      shaded_without_bounds(before) || shaded_without_bounds(now))
     return whole_picture;
   const Receivers before_all = receivers(m, before), now_all = receivers(m, now);
   Seen seen(mjv_averageCamera(&now.eyes[0], &now.eyes[1]), aspect);
@@ -174,8 +238,7 @@ std::optional<Part> changed(const mjModel* m, const Shown& before, const Shown& 
     const mjvGeom &old = before.geoms[i], &geom = now.geoms[i];
     if (same<mjvGeom>({&old, 1}, {&geom, 1})) continue;
     if (!bounded(old.type) || !bounded(geom.type)) return whole_picture;
-    add(m, old, before, before_all, seen);
-    add(m, geom, now, now_all, seen);
+    if (!add(m, old, before, before_all, seen) || !add(m, geom, now, now_all, seen)) return whole_picture;
     differs = true;
   }
   return differs ? std::optional(seen.within_picture()) : std::nullopt;

@@ -26,9 +26,10 @@ struct Part {
 };
 inline constexpr Part whole_picture{0, 1, 0, 1};
 
-/// The smallest upright rectangle around all that differs: the geoms that are not where or as they were, and their
+/// An upright rectangle around all that differs: the boxes of the geoms that are not where or as they were, and their
 /// shadows, in both pictures; nothing if the pictures are the same. The whole picture where that is not known: another
-/// eye or light, mirrors, skins, something that differs and has no bounds, or reaches behind the eye.
+/// eye or light, mirrors, skins, shadows without an end or on a height field, an eye that sees in parallel or has a
+/// sensor, something that differs and has no bounds, or reaches behind the eye.
 /// `aspect`: width over height.
 std::optional<Part> changed(const mjModel* m, const Shown& before, const Shown& now, double aspect);
 

@@ -52,11 +52,19 @@ void remove_texture(auto& geom) {
     geom.texid = -1;
 }
 
+void scale_sensor(auto& camera, float& width, int tile_width, int whole_width) {
+  if (camera.frustum_width == 0) return;
+  width = 2 * camera.frustum_width;
+  camera.frustum_width *= static_cast<float>(tile_width) / static_cast<float>(whole_width);
+}
+
 /// The part of the camera's picture that lies in the tile; all in pixels from the bottom left.
-mjvGLCamera tile_of(mjvGLCamera camera, Size whole, mjrRect tile) {
+auto tile_of(auto camera, Size whole, mjrRect tile) {
   const auto full = camera;
   const float height = full.frustum_top - full.frustum_bottom;
-  const float width = height * static_cast<float>(whole.width) / static_cast<float>(whole.height);
+  float width = height * static_cast<float>(whole.width) / static_cast<float>(whole.height);
+  // Half the width of a camera with a sensor in MuJoCo 3.x, which then comes before the shape of the picture.
+  if constexpr (requires { camera.frustum_width; }) scale_sensor(camera, width, tile.width, whole.width);
   const auto at = [](float from, float span, double share) { return static_cast<float>(from + span * share); };
   camera.frustum_bottom = at(full.frustum_bottom, height, static_cast<double>(tile.bottom) / whole.height);
   camera.frustum_top = at(full.frustum_bottom, height, static_cast<double>(tile.bottom + tile.height) / whole.height);
@@ -138,15 +146,14 @@ struct Renderer::Impl {
     mjv_freeScene(&scene);
   }
 
-  mjrRect changed_part();
+  mjrRect part_to_draw(const Shown& now) const;
   void draw_part(mjrRect part);
 };
 
 /// What of the picture must be drawn, in its pixels from the bottom left.
-mjrRect Renderer::Impl::changed_part() {
-  const std::optional<Shown> before = std::exchange(shown, Shown(scene));
-  if (!before || image.width != size.width || image.height != size.height) return whole(size);
-  const auto part = changed(model.get(), *before, *shown, static_cast<double>(size.width) / size.height);
+mjrRect Renderer::Impl::part_to_draw(const Shown& now) const {
+  if (!shown || image.width != size.width || image.height != size.height) return whole(size);
+  const auto part = changed(model.get(), *shown, now, static_cast<double>(size.width) / size.height);
   if (!part) return {};
   // Edges of shadows and of what is smoothed reach a little farther.
   constexpr int margin = 4;
@@ -243,7 +250,15 @@ Result<Image> Renderer::draw(mjData* d, const View& view, std::span<const Paint>
     geom.emission = glowing / lit;
     geom.specular = geom.reflectance = 0;
   }
-  r.draw_part(r.only_changes ? r.changed_part() : whole(r.size));
+  if (!r.only_changes) {
+    r.draw_part(whole(r.size));
+    return std::exchange(r.image, {});
+  }
+  Shown now(r.scene);
+  const mjrRect part = r.part_to_draw(now);
+  r.shown.reset();  // until its picture is complete
+  r.draw_part(part);
+  r.shown = std::move(now);
   return r.image;
 }
 

@@ -85,7 +85,7 @@ int main(int argc, char** argv) {
   std::this_thread::sleep_for(100ms);  // the server keeps the first frames of a new client back
 
   std::vector<double> took_us, late_s;
-  int missing = 0;
+  int missing = 0, never = 0;
   const auto begin = Clock::now();
   auto due = begin;
   for (int i = 0; i < count; ++i) {
@@ -96,7 +96,12 @@ int main(int argc, char** argv) {
     } else {
       ++missing;
       // Else the next one would be answered by this one's answer.
-      if (hear(server, heard, in, 5s)) late_s.push_back(std::chrono::duration<double>(sent.time_since_epoch()).count());
+      if (hear(server, heard, in, 5s)) {
+        late_s.push_back(std::chrono::duration<double>(sent.time_since_epoch()).count());
+        never = 0;
+      } else if (++never == 5) {
+        return std::fputs("five in a row were never answered\n", stderr), 1;
+      }
     }
     due += std::chrono::microseconds(pause_us);
     if (pause_us > 0) std::this_thread::sleep_until(due);

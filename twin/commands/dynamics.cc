@@ -766,7 +766,7 @@ std::optional<Instruments> instruments_of(const Arguments& a, const Robot& robot
   if (a.friction == "auto")
     found->notes.push_back(
         "--friction auto chose by least squares, among laws that are linear in their parameters and know no load, "
-        "without asymmetry, robust loss, prior and lag");
+        "without asymmetry, robust loss, prior and a lag that is not known");
   return std::move(*found);
 }
 

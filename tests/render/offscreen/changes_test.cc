@@ -93,6 +93,48 @@ TEST(Films, ShadowsOfTwoLightsOnSlopes) {
   EXPECT_LE(worst_of_film(*model, 0.5, from_aside), rounding);
 }
 
+const std::string lamp = R"(<light pos="0 0 4" dir="0 0 -1" castshadow="true"/><geom type="plane" size="0 0 1"/>)";
+
+TEST(Films, LoneRods) {
+  const std::string joint = R"(<body pos="0 0 1.2"><joint type="hinge" axis="0 1 0"/>)";
+  for (const char* rod : {R"(<geom type="capsule" fromto="0 0 0 0 0 -1" size=".02"/></body>)",
+                          R"(<geom type="cylinder" fromto="0 0 0 .8 0 .3" size=".02"/></body>)"}) {
+    const auto model = scene(lamp + joint + rod);
+    EXPECT_LE(worst_of_film(*model, 0.5, from_aside), rounding) << rod;
+  }
+}
+
+TEST(Films, Tendon) {
+  const auto model = mujoco::load_string("<mujoco><worldbody>" + lamp + R"(<site name="a" pos="1 0 1.5"/>
+    <body pos="-1 0 1"><joint type="slide" axis="0 1 0"/><geom size=".02"/><site name="b"/></body></worldbody>
+    <tendon><spatial width=".03"><site site="a"/><site site="b"/></spatial></tendon></mujoco>)");
+  ASSERT_TRUE(model) << model.error().message;
+  EXPECT_LE(worst_of_film(**model, 0.6, from_aside), rounding);
+}
+
+TEST(Films, LampBesideARodThatReachesAboveIt) {
+  const auto model = scene(R"(<light pos="-1 -.5 1" dir="1 .5 -.3" cutoff="80" castshadow="true"/>
+    <geom type="plane" size="0 0 1"/><geom type="box" pos="3 0 1" size=".1 3 1"/>
+    <body pos="0 0 .6"><joint type="slide" axis="0 1 0"/><geom type="box" size=".05 .05 .9"/></body>)");
+  EXPECT_LE(worst_of_film(*model, 0.3, from_aside), rounding);
+}
+
+TEST(Films, CreaseOfFloorAndWall) {
+  const auto model = scene(R"(<light directional="true" dir="1 .2 -1" castshadow="true"/><geom type="plane"
+    size="0 0 1"/><geom type="plane" pos="1 0 0" zaxis="-1 0 0" size="0 0 1"/><body pos="0 0 1"><joint type="slide"
+    axis="0 1 0"/><geom type="box" size=".05 .3 .7"/></body>)");
+  EXPECT_LE(worst_of_film(*model, 0.3, from_aside), rounding);
+}
+
+TEST(Films, ShadowOnTerrain) {
+  const auto model = mujoco::load_string(
+      R"(<mujoco><asset><hfield name="hill" nrow="3" ncol="3" size="3 3 .5 .1"/></asset><worldbody>
+      <light directional="true" dir=".5 0 -1" castshadow="true"/><geom type="hfield" hfield="hill" pos="0 0 -1"/>)" +
+      std::string(ball) + "</worldbody></mujoco>");
+  ASSERT_TRUE(model) << model.error().message;
+  EXPECT_LE(worst_of_film(**model, 0.5, from_aside), rounding);
+}
+
 TEST(Films, MirrorShowsWhatMoves) {
   const auto model = mujoco::load_string(
       R"(<mujoco><asset><material name="mirror" reflectance=".8"/></asset><worldbody>

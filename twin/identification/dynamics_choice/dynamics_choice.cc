@@ -448,7 +448,7 @@ class Chooser {
     out_.real_bodies = real.has_value();
     if (!real) return;
     const Comparison c = compared(*real, best_);
-    // By what least squares is better than they: its standard error holds for large differences too.
+    // Judged by how much better least squares is, whose standard error also holds where bodies are far worse.
     const Comparison gain = compared(best_, *real);
     out_.real_bodies = !is_better(gain, as_good, real_sigmas);
     out_.trials.push_back({.what = "bodies that are real",
@@ -457,7 +457,9 @@ class Chooser {
                            .rms = real->rms,
                            .taken = out_.real_bodies,
                            .failure = {},
-                           .remark = {}});
+                           .remark = out_.real_bodies ? ""
+                                                      : fmt::format("least squares against them {:+.2f} % +- {:.2f}",
+                                                                    100 * gain.change, 100 * gain.sigma)});
   }
 
   /// Torque that depends on the joint's own position, C cos q + S sin q: of springs, cables and sensors, which no rigid

@@ -12,7 +12,7 @@
 /// Chooses how to identify a robot's dynamics by what predicts best: coupled motors, signals, friction, outliers, rotor
 /// inertias and a prior, one after the other, each by the error of samples that the fit has not seen (files where there
 /// are three or more, else stretches of time). A setting replaces a simpler one only where its error is smaller by more
-/// than twice its standard error.
+/// than 2.5 standard errors, some kinds by other bars (README.md).
 namespace tribotwin::twin::identification {
 
 /// What the user decided; the rest is chosen.
@@ -26,7 +26,7 @@ struct Decided {
   bool coupling = false;      ///< no motor turns with several joints but those of the regressor
   bool lag = false;           ///< of torques is none, or known
   std::vector<double> lag_s;  ///< the known one, as in Preparation
-  bool take_lag = false;      ///< one that is found is taken whatever it brings
+  bool take_lag = false;      ///< one that its sigmas prove is taken whatever it brings
   std::optional<Robust> robust;
   bool instruments = false;  ///< only what instrumental variables know: knows_instruments() of the law, and no
                              ///< asymmetry, torque by position, robust loss, prior and lag
