@@ -71,8 +71,8 @@ class Chart {
     this.tip = node('div', { class: 'tip', role: 'status' });
     this.tip.hidden = true;
     this.area = node('div', { class: 'live area' }, this.svg, this.tip);
-    figure.prepend(node('div', { class: 'live head' }, node('strong', {}, data.title), this.tools()), this.key(),
-      this.area);
+    const head = node('div', { class: 'live head' }, node('strong', {}, data.title), this.tools());
+    figure.prepend(head, this.key(), this.area);
     figure.classList.add('alive');
     this.svg.addEventListener('pointermove', (event) => this.hover(event));
     this.svg.addEventListener('pointerdown', (event) => this.down(event));
@@ -80,8 +80,8 @@ class Chart {
     this.svg.addEventListener('blur', () => this.everywhere((chart) => chart.leave()));
     this.svg.addEventListener('dblclick', () => this.look(null));
     this.svg.addEventListener('keydown', (event) => this.typed(event));
-    // In the next frame: a drawing changes the height of what is observed, and browsers complain of loops.
-    new ResizeObserver(() => requestAnimationFrame(() => this.draw())).observe(this.area);
+    // Not the area, whose height a drawing changes: browsers complain of such loops.
+    new ResizeObserver(() => this.draw()).observe(head);
   }
 
   /// Those with the same time, or this one alone.
