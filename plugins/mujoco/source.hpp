@@ -81,8 +81,8 @@ void make_native(pugi::xml_node actuator, const drive::Drive& drive);
 /// Folders of meshes and textures become absolute, for a text that no longer lies in `folder`.
 void make_asset_folders_absolute(pugi::xml_document& document, const std::filesystem::path& folder);
 
-/// One element per line, indented by two blanks. Throws std::bad_alloc, which pugixml's writer to a
-/// stream would swallow: the text would end early. `format`: pugixml's flags.
+/// One element per line, indented by two blanks. Throws std::bad_alloc, which pugixml's writer to a stream would
+/// swallow: the text would end early. `format`: pugixml's flags.
 std::string text_of(const pugi::xml_document& document, unsigned format = pugi::format_default);
 
 /// The text of a model's main file with its includes merged.

@@ -22,7 +22,6 @@ Point along(const Point& from, const Point& way, double times) {
   return {from[0] + times * way[0], from[1] + times * way[1], from[2] + times * way[2]};
 }
 Point to(const Point& from, const Point& there) { return along(there, from, -1); }
-double dot(const Point& a, const Point& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 bool bounded(int type) {
   return type == mjGEOM_SPHERE || type == mjGEOM_CAPSULE || type == mjGEOM_ELLIPSOID || type == mjGEOM_CYLINDER ||
@@ -36,13 +35,7 @@ std::array<Point, 8> corners(const mjModel* m, const mjvGeom& geom) {
   if (geom.type == mjGEOM_CAPSULE || geom.type == mjGEOM_CYLINDER) size[1] = size[2];
   // A drawn mesh has twice its number, or one more for its convex hull.
   const Box box = box_around(m, geom.type, size, geom.type == mjGEOM_MESH ? geom.dataid / 2 : -1);
-  std::array<Point, 8> all;
-  for (int i = 0; i < 8; ++i) {
-    const Point p{i & 1 ? box.high[0] : box.low[0], i & 2 ? box.high[1] : box.low[1], i & 4 ? box.high[2] : box.low[2]};
-    for (int k = 0; k < 3; ++k)
-      all[i][k] = geom.pos[k] + geom.mat[3 * k] * p[0] + geom.mat[3 * k + 1] * p[1] + geom.mat[3 * k + 2] * p[2];
-  }
-  return all;
+  return corners(box, geom.pos, geom.mat);
 }
 
 struct Plane {

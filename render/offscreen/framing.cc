@@ -21,8 +21,6 @@ bool counts(const mjModel* m, int geom, int groups) {
   return false;
 }
 
-double dot(const Point& a, const Point& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
 /// The axes of a free camera: right, up, and where it looks.
 std::array<Point, 3> axes_of(const mjvCamera& camera) {
   const double to_rad = std::numbers::pi / 180, a = camera.azimuth * to_rad, e = camera.elevation * to_rad;
@@ -69,15 +67,8 @@ std::vector<Point> outline(const mjModel* m, const mjData* d) {
   for (int g = 0; g < m->ngeom; ++g) {
     if (!counts(m, g, groups)) continue;
     const mjtNum* size = m->geom_size + 3 * g;
-    const auto [low, high] = box_around(m, m->geom_type[g], {size[0], size[1], size[2]}, m->geom_dataid[g]);
-    const mjtNum *place = d->geom_xpos + 3 * g, *turn = d->geom_xmat + 9 * g;
-    for (int corner = 0; corner < 8; ++corner) {
-      const Point p{corner & 1 ? high[0] : low[0], corner & 2 ? high[1] : low[1], corner & 4 ? high[2] : low[2]};
-      Point& world = points.emplace_back();
-      for (int k = 0; k < 3; ++k)
-        world[static_cast<std::size_t>(k)] =
-            place[k] + turn[3 * k] * p[0] + turn[3 * k + 1] * p[1] + turn[3 * k + 2] * p[2];
-    }
+    const Box box = box_around(m, m->geom_type[g], {size[0], size[1], size[2]}, m->geom_dataid[g]);
+    std::ranges::copy(corners(box, d->geom_xpos + 3 * g, d->geom_xmat + 9 * g), std::back_inserter(points));
   }
   return points;
 }

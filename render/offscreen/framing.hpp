@@ -16,6 +16,20 @@ struct Box {
   Point low, high;
 };
 
+inline double dot(const Point& a, const Point& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/// Its corners, world axes [m], in a frame at `place` that is turned by the 3 x 3 matrix `turn`, rows first.
+template <class Number>
+std::array<Point, 8> corners(const Box& box, const Number* place, const Number* turn) {
+  std::array<Point, 8> all;
+  for (std::size_t i = 0; i < 8; ++i) {
+    const Point p{i & 1 ? box.high[0] : box.low[0], i & 2 ? box.high[1] : box.low[1], i & 4 ? box.high[2] : box.low[2]};
+    for (std::size_t k = 0; k < 3; ++k)
+      all[i][k] = place[k] + turn[3 * k] * p[0] + turn[3 * k + 1] * p[1] + turn[3 * k + 2] * p[2];
+  }
+  return all;
+}
+
 /// Of a geom with bounds: sphere, capsule, ellipsoid, cylinder, box (`size` as mjModel.geom_size has it) or mesh (by
 /// its number; -1 for the others).
 Box box_around(const mjModel* m, int type, const Point& size, int mesh);
