@@ -72,7 +72,8 @@ class Chooser {
     simplify();
     judge_bodies();
     // The fit itself takes as many samples, up to ends and rests, as its own cut-off allows.
-    out_.setting.signals.widest_hz = out_.setting.signals.narrowest_hz = 0;
+    Preparation& signals = out_.setting.signals;
+    signals.widest_hz = signals.narrowest_hz = signals.longest_hole_s = 0;
     out_.fit = std::move(best_.fit);
     return std::move(out_);
   }
@@ -97,6 +98,7 @@ class Chooser {
     if (!widest) return tl::unexpected(widest.error());
     set_cutoffs(*widest);
     s.signals.cutoff_hz = widest_hz();
+    s.signals.longest_hole_s = hole_periods / widest_hz();  // the same stretches for all cut-offs
     // Samples of long recordings are thinned: a choice needs fewer than the fit.
     s.signals.widest_hz = widest_hz() * std::min(1.0, most_samples / static_cast<double>(widest->size()));
     s.signals.narrowest_hz = cutoffs_.back();
@@ -126,10 +128,10 @@ class Chooser {
     const auto moving = [](const JointMotion& m) { return static_cast<double>(m.moving.count()); };
     for (const double share : narrower) {
       const double cutoff = share * widest.cutoff_hz;
-      const auto motion = prepare(
-          recordings_, regressor_,
-          {.cutoff_hz = widest.cutoff_hz, .decimation = decided_.decimation.value_or(0), .narrowest_hz = cutoff});
-      if (!motion || moving(*motion) < 0.5 * moving(widest)) return;
+      Preparation signals = out_.setting.signals;
+      signals.cutoff_hz = widest.cutoff_hz, signals.narrowest_hz = cutoff;
+      const auto motion = prepare(recordings_, regressor_, signals);
+      if (!motion || motion->reversals != widest.reversals || moving(*motion) < 0.5 * moving(widest)) return;
       cutoffs_.push_back(cutoff);
     }
   }
@@ -197,7 +199,10 @@ class Chooser {
   Result<JointMotion> motion_of(const Preparation& signals) const {
     if (signals == out_.setting.signals) return motion_;
     auto motion = prepared(signals);
-    if (motion) motion->moving = motion->moving || target_.motion.moving;  // errors are compared over the target's
+    if (!motion) return motion;
+    if (motion->time_s != target_.motion.time_s)
+      return tl::unexpected(Error("leaves other samples than those that errors are compared in"));
+    motion->moving = motion->moving || target_.motion.moving;  // errors are compared over the target's
     return motion;
   }
 
@@ -555,9 +560,9 @@ class Chooser {
     Candidate candidate{"lag of torques:" + text_of(found->lag), out_.setting};
     candidate.setting.signals.lag_s = found->lag_s();
     auto motion = prepare(recordings_, regressor_, candidate.setting.signals);
-    if (!motion || motion->size() != target_.motion.size()) return false;
+    if (!motion || motion->time_s != target_.motion.time_s) return false;
     auto late = prepared(out_.setting.signals);
-    if (!late || late->size() != target_.motion.size()) return false;
+    if (!late || late->time_s != target_.motion.time_s) return false;
     JointMotion before = std::exchange(target_.motion, *late);
     auto in_own_band = error_of(out_.setting, *late);
     if (!in_own_band) {

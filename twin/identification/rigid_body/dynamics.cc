@@ -642,10 +642,12 @@ class Identification {
         .front();
   }
 
-  /// Correlations as the information has them, variances as the jackknife.
+  /// Correlations as the information has them, variances as the jackknife, which knows what data tell, and the prior.
   Uncertainty uncertainty() {
     if (options_.instruments) return of_instruments_;
     const MatrixXd C = unit_covariance(R_);
+    const VectorXd of_prior = (C * prior_normal().topLeftCorner(C.rows(), C.rows()) * C).diagonal(),
+                   of_data = (C.diagonal() - of_prior).cwiseMax(1e-12 * C.diagonal());
     std::vector<MatrixXd> blocks, files;
     const std::vector<std::size_t> file = problem_.files();
     const auto parts = static_cast<double>(file.size());
@@ -665,10 +667,13 @@ class Identification {
       for (const auto& j : out_.joints) effective += static_cast<double>(j.samples) / j.correlation;
       return {C, VectorXd::Constant(C.rows(), interval_sigmas(effective - static_cast<double>(order_.size())))};
     }
-    const Jackknife between_blocks = moderated(*found, C.diagonal());
-    const VectorXd factor = between_blocks.variance.cwiseQuotient(C.diagonal()).cwiseSqrt() *
-                            between(jackknife(files), std::ssize(files), between_blocks.variance);
-    return {factor.asDiagonal() * C * factor.asDiagonal(), between_blocks.freedom.unaryExpr(&interval_sigmas)};
+    const Jackknife between_blocks = moderated(*found, of_data);
+    const double of_files = between(jackknife(files), std::ssize(files), between_blocks.variance);
+    const VectorXd scatter = of_files * of_files * between_blocks.variance, variance = scatter + of_prior;
+    const VectorXd factor = variance.cwiseQuotient(C.diagonal()).cwiseSqrt();
+    // That of the sum of a variance that is estimated and one that is stated (Satterthwaite 1946).
+    const VectorXd freedom = between_blocks.freedom.array() * variance.cwiseQuotient(scatter).array().square();
+    return {factor.asDiagonal() * C * factor.asDiagonal(), freedom.unaryExpr(&interval_sigmas)};
   }
 
   /// By the larger of two variances: between stretches of time, and between groups of the instruments, across which no

@@ -72,14 +72,14 @@ struct Sampling {
   bool regular() const { return uneven == 0; }
 };
 
-/// A hole in time that is short against the period of the cut-off is no gap: interpolation crosses it.
 Sampling sampling_of(const RobotRecording& rec, const Preparation& preparation, std::vector<std::string>& notes) {
   const auto& time = rec.time_s;
   std::vector<double> steps;
   for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
   Sampling s{.typical_s = median_of(steps)};
   const double cutoff = preparation.cutoff_hz > 0 ? preparation.cutoff_hz : std::min(20.0, 0.2 / s.typical_s);
-  const double longest_s = std::max(gap_steps * s.typical_s, 0.25 / cutoff);
+  const double hole_s = preparation.longest_hole_s > 0 ? preparation.longest_hole_s : hole_periods / cutoff;
+  const double longest_s = std::max(gap_steps * s.typical_s, hole_s);
   for (std::size_t i = 1; i < time.size(); ++i) {
     if (steps[i - 1] > longest_s) {
       s.stretches.push_back({i, i});
@@ -143,7 +143,7 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
 
 /// The samples of one joint in a stretch, filtered where they are noisy.
 struct JointSamples {
-  std::vector<double> q, speed, torque, temperature;
+  std::vector<double> q, speed, acceleration, torque, temperature;
   double speed_noise;  ///< standard deviation
 };
 
@@ -162,14 +162,6 @@ double noise_of(const std::vector<double>& raw, const std::vector<double>& filte
   std::vector<double> taken(raw.size());
   for (std::size_t i = 0; i < raw.size(); ++i) taken[i] = std::abs(raw[i] - filtered[i]);
   return 1.4826 * median_of(std::move(taken)) / std::sqrt(1 - passed);
-}
-
-/// The slope of q by central differences, as fast at the ends as beside them.
-std::vector<double> slope_of(const std::vector<double>& q, double rate_hz) {
-  std::vector<double> slope(q.size());
-  for (std::size_t i = 1; i + 1 < q.size(); ++i) slope[i] = (q[i + 1] - q[i - 1]) * rate_hz / 2;
-  slope.front() = slope[1], slope.back() = slope[q.size() - 2];
-  return slope;
 }
 
 /// A filtered signal that much later: cubic through four samples, constant beyond the ends.
@@ -262,7 +254,7 @@ Result<RecordedSpeeds> speeds_on_time(const RobotRecording& rec, std::size_t fil
                .rate_hz = f->rate_hz,
                .noise = 0,
                .edge = f->edge};
-      x.slope = slope_of(x.q, f->rate_hz), x.noise = noise_of(raw, x.recorded, passed) * std::sqrt(passed);
+      x.slope = first_derivative(x.q, f->rate_hz), x.noise = noise_of(raw, x.recorded, passed) * std::sqrt(passed);
       stretches.push_back(std::move(x));
     }
     const auto [value_s, sigma_s] = delay_of(stretches);
@@ -286,13 +278,15 @@ JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, co
                         bool thermal, const Speeds* recorded, const Preparation& preparation) {
   const auto at = [&](const MatrixXd& values) { return equidistant(rec, values, j, s, f.period_s, regular); };
   const auto filtered = [&](const std::vector<double>& raw) { return low_passed(raw, f.rate_hz, f.cutoff_hz); };
-  JointSamples out{.q = {}, .speed = {}, .torque = filtered(at(rec.torque)), .temperature = {}, .speed_noise = 0};
+  JointSamples out{.torque = filtered(at(rec.torque)), .speed_noise = 0};
   if (recorded) {
     out.q = recorded->q, out.speed = recorded->recorded, out.speed_noise = recorded->noise;
+    out.acceleration = first_derivative(out.speed, f.rate_hz);
   } else {
     const std::vector<double> raw = at(rec.position);
     const double passed = 2 * f.cutoff_hz / f.rate_hz;  // of the band
-    out.q = filtered(raw), out.speed = slope_of(out.q, f.rate_hz);
+    out.q = filtered(raw), out.speed = first_derivative(out.q, f.rate_hz);
+    out.acceleration = second_derivative(out.q, f.rate_hz);
     const double w = 2 * std::numbers::pi * f.cutoff_hz;
     out.speed_noise = noise_of(raw, out.q, passed) * w * std::sqrt(passed / 3);
   }
@@ -324,8 +318,7 @@ Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, cons
       const auto i = static_cast<std::size_t>(f.edge + k * f.every);
       part.q(j, k) = x.q[i];
       part.qd(j, k) = x.speed[i];
-      part.qdd(j, k) = !recorded.empty() ? (x.speed[i + 1] - x.speed[i - 1]) * f.rate_hz / 2
-                                         : (x.q[i + 1] - 2 * x.q[i] + x.q[i - 1]) * f.rate_hz * f.rate_hz;
+      part.qdd(j, k) = x.acceleration[i];
       part.torque(j, k) = x.torque[i];
       part.temperature(j, k) = x.temperature[i];
     }
@@ -396,20 +389,23 @@ void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest
   }
 }
 
-/// Rows more than `beside_slow` kept samples from slow ones count; none is assumed before the first and after the last.
+/// Rows count that are `beside_slow` kept samples or more from where a rotor is slow or turns, which may be between two
+/// of them; neither is assumed before the first and after the last.
 void mark_fast(const Regressor& r, Index rotor, const Part& p, double fastest, Index at, JointMotion& out) {
-  const Index count = p.q.cols(), guard = p.filtering.beside_slow;
-  std::vector<double> speed;
-  for (Index k = 0; k < count; ++k) speed.push_back(r.speed(rotor, p.qd.col(k)));
+  const Filtering& f = p.filtering;
+  const std::vector<double> speed = speed_of(r, rotor, p).first;
+  const auto first = static_cast<std::size_t>(f.edge), every = static_cast<std::size_t>(f.every);
+  const std::size_t last = first + static_cast<std::size_t>(p.q.cols() - 1) * every;
   std::vector<bool> is_slow(speed.size());
-  for (std::size_t k = 0; k < speed.size(); ++k) {
-    is_slow[k] = std::abs(speed[k]) < slow * fastest;
-    out.direction(rotor, at + static_cast<Index>(k)) = speed[k] < 0 ? -1 : 1;
-  }
-  const std::vector<bool> left_out = widened(is_slow, static_cast<std::size_t>(guard));
-  for (Index k = 0; k < count; ++k)
-    for (Index j = 0; j < r.joints() && left_out[static_cast<std::size_t>(k)]; ++j)
+  for (std::size_t i = first; i <= last; ++i)
+    is_slow[i] = std::abs(speed[i]) < slow * fastest || (i > first && speed[i] * speed[i - 1] < 0);
+  const std::vector<bool> left_out = widened(is_slow, static_cast<std::size_t>(f.beside_slow) * every);
+  for (Index k = 0; k < p.q.cols(); ++k) {
+    const std::size_t i = first + static_cast<std::size_t>(k) * every;
+    out.direction(rotor, at + k) = speed[i] < 0 ? -1 : 1;
+    for (Index j = 0; j < r.joints() && left_out[i]; ++j)
       if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
+  }
 }
 
 /// `fastest`: speed of every rotor.
@@ -464,10 +460,13 @@ void leave_out_unrecorded(std::span<const RobotRecording> recordings, JointMotio
 
 }  // namespace
 
-Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
-                            const Preparation& preparation) {
+namespace {
+
+Result<JointMotion> prepare_as_asked(std::span<const RobotRecording> recordings, const Regressor& r,
+                                     const Preparation& preparation) {
   JointMotion out;
   out.lag_s = preparation.lag_s;
+  out.reversals = preparation.reversals;
   out.has_temperature =
       std::ranges::all_of(recordings, [](const RobotRecording& rec) { return rec.temperature_degC.size() > 0; });
   std::vector<Part> parts;
@@ -495,6 +494,28 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
   std::vector<std::optional<CarriedBody>> carried;
   for (const RobotRecording& rec : recordings) carried.push_back(rec.carried);
   out.carried_torque = carried_torque(r, carried, out);
+  return out;
+}
+
+}  // namespace
+
+Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
+                            const Preparation& preparation) {
+  auto out = prepare_as_asked(recordings, r, preparation);
+  if (!out || preparation.reversals) return out;
+  const Index enough = std::max<Index>(100, out->size() / 20);
+  for (Index j = 0; j < r.joints(); ++j) {
+    if (out->is_left_out(j) || out->moving.row(j).count() >= enough) continue;
+    Preparation with_reversals = preparation;
+    with_reversals.reversals = true;
+    auto more = prepare_as_asked(recordings, r, with_reversals);
+    if (!more || more->moving.row(j).count() < enough) continue;
+    more->notes.push_back(
+        fmt::format("joint {} turns so often that {} of {} samples are two periods of the cut-off ({:.3g} Hz) from its "
+                    "reversals; those near reversals count, too",
+                    r.joint_name(j), out->moving.row(j).count(), out->size(), out->cutoff_hz));
+    return more;
+  }
   return out;
 }
 

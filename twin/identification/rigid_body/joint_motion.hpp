@@ -22,6 +22,9 @@ struct SlowRows {
 /// No torque is recorded later or earlier than that [s].
 inline constexpr double largest_lag_s = 0.5;
 
+/// Periods of the cut-off that a hole in time may last.
+inline constexpr double hole_periods = 0.25;
+
 struct Preparation {
   double cutoff_hz = 0;     ///< of the zero-phase low-pass on positions and torques; 0: 20 Hz, at most a fifth of the
                             ///< sampling rate
@@ -30,9 +33,12 @@ struct Preparation {
   /// Samples of several cut-offs at the same times: as many as the widest of them needs, without the ends and rests in
   /// which the narrowest rings. 0: the cut-off's own.
   double widest_hz = 0, narrowest_hz = 0;
+  /// Interpolation crosses holes in time up to that, which a filtered signal does not fill with anything new; longer
+  /// ones part a recording into stretches [s]. 0: `hole_periods` of the cut-off.
+  double longest_hole_s = 0;
   /// Whether rows near reversals count, with the sign of the speed filtered as the torque. Else two periods of the
   /// cut-off are left out before and after every time at which a joint is slow: the filter leaves 0.003 of a step
-  /// there.
+  /// there; unless hardly any samples of a joint are that far from its reversals.
   bool reversals = false;
   /// Where reversals count: periods that are left out before and after a rest, as friction at rest is not known. The
   /// filter leaves 0.04 of a step after one of them, 0.003 after two; but the rows beside rests are those of low
@@ -72,6 +78,7 @@ struct JointMotion {
   };
   std::vector<VelocityDelay> velocity_delay;
   bool has_temperature = false;
+  bool reversals = false;  ///< rows near reversals count: as asked for, or as there are hardly any others
   /// Joints whose torque counts nowhere, per joint: not recorded, or leave_out(). Their torque may be NaN, and they
   /// never count as `moving`. Empty: none.
   std::vector<bool> left_out;

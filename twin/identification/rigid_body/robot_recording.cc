@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -16,7 +18,7 @@ namespace {
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 using Problem = std::optional<std::string>;
 
-constexpr double degrees = 57.29577951308232;
+constexpr double degrees = 180 / std::numbers::pi;
 /// No joint of an arm moves faster [rad/s; m/s].
 constexpr double speed_max = 60;
 
@@ -41,6 +43,21 @@ double speed_hardly_exceeded(const std::vector<double>& time, const VectorXd& po
   const auto at = speeds.begin() + static_cast<std::ptrdiff_t>(speeds.size() * 95 / 100);
   std::ranges::nth_element(speeds, at);
   return *at;
+}
+
+/// Angles within one turn, as some encoders count: they jump where the joint goes on. Removes the jumps; returns how
+/// many there were.
+std::size_t unwrap(Eigen::Ref<Eigen::RowVectorXd, 0, Eigen::InnerStride<>> angle) {
+  constexpr double turn = 2 * std::numbers::pi, slack = 0.01;
+  if (angle.maxCoeff() - angle.minCoeff() > turn + slack) return 0;
+  std::size_t jumps = 0;
+  double turns = 0, before = angle(0);
+  for (Index i = 1; i < angle.size(); ++i) {
+    const double step = angle(i) - std::exchange(before, angle(i));
+    if (std::abs(step) > 0.75 * turn) turns -= std::copysign(1, step), ++jumps;
+    angle(i) += turns * turn;
+  }
+  return jumps;
 }
 
 Problem implausible_position(const Regressor& r, const RobotRecording& rec, Index joint, const std::string& column) {
@@ -200,6 +217,9 @@ Problem read_joint(Numbers& table, const JointColumns& columns, const Regressor&
   rec.position.row(joint) = row(JointColumns::position);
   if (!columns.of(table, joint, JointColumns::torque).empty()) rec.torque.row(joint) = row(JointColumns::torque);
   if (columns.of_current(table, joint)) rec.torque.row(joint) = row(JointColumns::current);
+  if (const std::size_t jumps = r.is_slide(joint) ? 0 : unwrap(rec.position.row(joint)))
+    rec.notes.push_back(fmt::format("{}: {} jumps by a turn {} times, where the joint goes on; read without the jumps",
+                                    rec.file.string(), name(JointColumns::position), jumps));
   if (Problem p = implausible_position(r, rec, joint, name(JointColumns::position))) return p;
   if (const auto& velocity = columns.of(table, joint, JointColumns::velocity); !velocity.empty())
     if (Problem p =

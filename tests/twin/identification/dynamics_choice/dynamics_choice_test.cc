@@ -10,6 +10,7 @@
 #include <tribotwin/tests/twin/identification/multisine.hpp>
 #include <tribotwin/twin/identification/dynamics_choice/dynamics_choice.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics_file.hpp>
+#include <tribotwin/twin/robot/inertial_prior/inertial_prior.hpp>
 
 /// A robot of two joints whose recordings have the defects of real ones. Its torques are the regressor's, which are
 /// mj_inverse's (dynamics_test), plus friction and what the recording adds.
@@ -78,6 +79,16 @@ class Arm {
     }
     return r;
   }
+
+  /// Bodies that are the model's within a prior of that share.
+  void deviate(double share, unsigned seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    phi_ = regressor_.model_parameters();
+    const VectorXd scale = inertial_scale(regressor_);
+    for (Index k = 0; k < phi_.size(); ++k) phi_(k) += share * scale(k) * normal(random);
+  }
+  VectorXd true_base() const { return base_.from_all * phi_; }
 
   std::vector<RobotRecording> recordings(const Defects& d, unsigned seed) {
     return {recording(d, seed), recording(d, seed + 1), recording(d, seed + 2)};
@@ -284,6 +295,27 @@ TEST(HeldOut, IsPredictedByTheOtherFilesAlone) {
 }
 
 // A joint that moves for less than the filter takes beside rests: there is nothing to choose by, and that is said.
+// Lower cut-offs bridge longer holes; but errors are compared over the same samples.
+TEST(Choice, ComparesTheSameSamplesWhereTimeHasHoles) {
+  Arm arm;
+  const Defects defects{.noise_nm = 3};
+  for (const auto& [rate_hz, lost] : {std::pair{125.0, 2}, {500.0, 15}}) {
+    RobotRecording whole = arm.recording(defects, 41, 24, rate_hz), r{.file = "holes.csv"};
+    std::vector<Index> kept;
+    for (Index i = 0; i < whole.position.cols(); ++i)
+      if (i % (whole.position.cols() / 4) < whole.position.cols() / 4 - lost) kept.push_back(i);
+    for (const Index i : kept) r.time_s.push_back(whole.time_s[static_cast<std::size_t>(i)]);
+    r.position = whole.position(Eigen::all, kept), r.torque = whole.torque(Eigen::all, kept);
+    const DynamicsChoice choice = arm.choice({r}, {.asymmetry = false, .coupling = true, .lag = true});
+    for (const Trial& t : choice.trials)
+      if (t.what.starts_with("cut-off ") && t.failure.empty() && !std::isnan(t.change))
+        EXPECT_LT(std::abs(t.change), 0.5) << t.what;
+    const auto cutoffs = std::ranges::count_if(
+        choice.trials, [](const Trial& t) { return t.what.starts_with("cut-off ") && t.failure.empty(); });
+    EXPECT_GT(cutoffs, 2) << rate_hz;
+  }
+}
+
 TEST(Choice, NamesAJointThatMovesTooShortly) {
   Arm arm;
   auto training = arm.recordings({}, 30);
@@ -469,6 +501,31 @@ TEST(Dynamics, IntervalsHoldUnderCorrelatedNoiseAndRipple) {
   EXPECT_GT(intervals, 10 * repeats);
   EXPECT_GT(inside / intervals, 0.92);
   EXPECT_LT(inside / intervals, 0.98);
+}
+
+// So they do with a prior, where it is true: bodies are the model's as far as it says.
+TEST(Dynamics, IntervalsHoldUnderATruePrior) {
+  Arm arm;
+  const auto friction = robot_friction(arm.model(), arm.regressor(), coulomb_viscous());
+  constexpr unsigned repeats = 200;
+  for (const double prior : {0.05, 0.2}) {
+    double inside = 0, intervals = 0;
+    for (unsigned k = 0; k < repeats; ++k) {
+      arm.deviate(prior, k);
+      const auto r = arm.recording({.noise_nm = 6}, 2000 + k, 8, 100);
+      const auto fit =
+          fit_dynamics(arm.regressor(), arm.base(), *friction, *prepare({&r, 1}, arm.regressor()), {.prior = prior});
+      ASSERT_TRUE(fit) << fit.error().message;
+      const VectorXd truth = arm.true_base();
+      for (Index b = 0; b < truth.size(); ++b) {
+        const Estimate& e = fit->base[static_cast<std::size_t>(b)];
+        inside += e.low <= truth(b) && truth(b) <= e.high, ++intervals;
+      }
+    }
+    fmt::print("prior of {}: {:.1f} % of {:.0f} intervals\n", prior, 100 * inside / intervals, intervals);
+    EXPECT_GT(inside / intervals, 0.92) << prior;
+    EXPECT_LT(inside / intervals, 0.98) << prior;
+  }
 }
 
 }  // namespace
