@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -193,11 +194,30 @@ class Identification {
   /// Base parameters that are a rotor inertia alone, where there are none.
   bool excluded(Index base) const { return !options_.rotor_inertia && is_rotor_inertia(base); }
 
-  /// Fixes what friction holds and the options exclude, and takes the prior.
+  /// Whether a rotor slides both ways in samples that count, so that they tell its offset from its friction.
+  bool turns_both_ways(Index rotor) const {
+    constexpr double clearly = 0.5;
+    bool forward = false, reverse = false;
+    for (Index i = 0; i < motion_.size(); ++i) {
+      if (!motion_.moving(regressor_.joint_of(rotor), i)) continue;
+      forward |= motion_.direction(rotor, i) > clearly, reverse |= motion_.direction(rotor, i) < -clearly;
+    }
+    return forward && reverse;
+  }
+
+  /// The value at which a friction parameter stays; none where it is sought.
+  std::optional<double> held(std::size_t rotor, Index parameter, bool both_ways) const {
+    const JointFriction& f = friction_[rotor];
+    const std::string_view name = f.parameter(parameter).name;
+    if (!both_ways && (name == offset_name || name == asymmetry_name)) return 0;
+    return f.held(parameter);
+  }
+
+  /// Fixes what friction holds, data cannot tell and the options exclude, and takes the prior.
   void restrict() {
     for (std::size_t r = 0; r < friction_.size(); ++r)
-      for (Index p = 0; p < friction_[r].size(); ++p)
-        if (const auto value = friction_[r].held(p)) {
+      for (Index p = 0, both_ways = turns_both_ways(static_cast<Index>(r)); p < friction_[r].size(); ++p)
+        if (const auto value = held(r, p, both_ways)) {
           problem_.fix(problem_.friction_at(static_cast<Index>(r), p));
           now_.friction[r][static_cast<std::size_t>(p)] = *value;
         }

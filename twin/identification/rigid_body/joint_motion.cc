@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -106,10 +107,10 @@ bool is_long_enough(const RobotRecording& rec, const Stretch& s) {
 /// How a stretch is filtered and decimated.
 struct Filtering {
   double period_s, rate_hz, cutoff_hz;
-  Index every;                      ///< samples per kept one
-  Index edge;                       ///< samples left out at either end, where the filter rings or a lag reaches beyond
-  Index beside_rest, longest_turn;  ///< samples
-  Index beside_slow;                ///< kept samples; 0: those near reversals count
+  Index every;                       ///< samples per kept one
+  Index edge;                        ///< samples left out at either end, where the filter rings or a lag reaches beyond
+  Index beside_rest, longest_turn;   ///< samples
+  std::optional<Index> beside_turn;  ///< samples; none: those near reversals count
 };
 
 Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, const Sampling& sampling,
@@ -123,22 +124,21 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
         Error(fmt::format("{}: is sampled at {:.4g} Hz; the cut-off must be below {:.4g} Hz, it is {:g}",
                           rec.file.string(), rate, 0.45 * rate, cutoff)));
   const double settling = preparation.narrowest_hz > 0 ? preparation.narrowest_hz : cutoff,
-               widest = preparation.widest_hz > 0 ? preparation.widest_hz : cutoff,
-               guard = SlowRows::periods * rate / settling;
+               widest = preparation.widest_hz > 0 ? preparation.widest_hz : cutoff;
   const Index every = preparation.decimation
                           ? preparation.decimation
                           : std::max<Index>(1, static_cast<Index>(std::floor(rate / (5 * widest) + 1e-6)));
   double longest_lag_s = 0;
   for (const double lag : preparation.lag_s) longest_lag_s = std::max(longest_lag_s, std::abs(lag));
-  return Filtering{
-      .period_s = period,
-      .rate_hz = rate,
-      .cutoff_hz = cutoff,
-      .every = every,
-      .edge = static_cast<Index>(std::ceil(std::max(ringing / settling, longest_lag_s) * rate)),
-      .beside_rest = static_cast<Index>(std::ceil(preparation.rest_periods * rate / settling)),
-      .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest)),
-      .beside_slow = preparation.reversals ? 0 : static_cast<Index>(std::ceil(guard / static_cast<double>(every)))};
+  const auto samples = [&](double periods) { return static_cast<Index>(std::ceil(periods * rate / settling)); };
+  return Filtering{.period_s = period,
+                   .rate_hz = rate,
+                   .cutoff_hz = cutoff,
+                   .every = every,
+                   .edge = static_cast<Index>(std::ceil(std::max(ringing / settling, longest_lag_s) * rate)),
+                   .beside_rest = samples(preparation.reversals ? preparation.rest_periods : SlowRows::rest_periods),
+                   .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest)),
+                   .beside_turn = preparation.reversals ? std::nullopt : std::optional(samples(SlowRows::periods))};
 }
 
 /// The samples of one joint in a stretch, filtered where they are noisy.
@@ -370,6 +370,17 @@ std::pair<std::vector<double>, double> speed_of(const Regressor& r, Index rotor,
   return {std::move(speed), std::sqrt(variance)};
 }
 
+/// Where a rotor is slow or turns, which may be between two kept samples; neither is assumed before the first and after
+/// the last of these.
+std::vector<bool> turns_of(const std::vector<double>& speed, const Part& p, double slowest) {
+  const auto first = static_cast<std::size_t>(p.filtering.edge);
+  const std::size_t last = first + static_cast<std::size_t>((p.q.cols() - 1) * p.filtering.every);
+  std::vector<bool> out(speed.size());
+  for (std::size_t i = first; i <= last; ++i)
+    out[i] = std::abs(speed[i]) < slowest || (i > first && speed[i] * speed[i - 1] < 0);
+  return out;
+}
+
 /// Where a rotor slides and which way, known for every sample, is filtered and decimated as torques are. Joints on
 /// which its friction acts count as moving only where it slides.
 void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest, double range, Index at,
@@ -380,30 +391,13 @@ void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest
   const Sliding sliding = sliding_of(speed, slowest, far * range * f.rate_hz, static_cast<std::size_t>(f.longest_turn));
   const std::vector<double> direction = low_passed(sliding.direction, f.rate_hz, f.cutoff_hz);
   const std::vector<bool> at_rest = widened(sliding.rest, static_cast<std::size_t>(f.beside_rest));
+  std::vector<bool> turns(speed.size());
+  if (f.beside_turn) turns = widened(turns_of(speed, p, slow * fastest), static_cast<std::size_t>(*f.beside_turn));
   for (Index k = 0; k < p.q.cols(); ++k) {
     const auto i = static_cast<std::size_t>(f.edge + k * f.every);
     out.direction(rotor, at + k) = direction[i];
-    const bool slides = std::abs(r.speed(rotor, p.qd.col(k))) >= slowest && !at_rest[i];
+    const bool slides = std::abs(r.speed(rotor, p.qd.col(k))) >= slowest && !at_rest[i] && !turns[i];
     for (Index j = 0; j < r.joints() && !slides; ++j)
-      if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
-  }
-}
-
-/// Rows count that are `beside_slow` kept samples or more from where a rotor is slow or turns, which may be between two
-/// of them; neither is assumed before the first and after the last.
-void mark_fast(const Regressor& r, Index rotor, const Part& p, double fastest, Index at, JointMotion& out) {
-  const Filtering& f = p.filtering;
-  const std::vector<double> speed = speed_of(r, rotor, p).first;
-  const auto first = static_cast<std::size_t>(f.edge), every = static_cast<std::size_t>(f.every);
-  const std::size_t last = first + static_cast<std::size_t>(p.q.cols() - 1) * every;
-  std::vector<bool> is_slow(speed.size());
-  for (std::size_t i = first; i <= last; ++i)
-    is_slow[i] = std::abs(speed[i]) < slow * fastest || (i > first && speed[i] * speed[i - 1] < 0);
-  const std::vector<bool> left_out = widened(is_slow, static_cast<std::size_t>(f.beside_slow) * every);
-  for (Index k = 0; k < p.q.cols(); ++k) {
-    const std::size_t i = first + static_cast<std::size_t>(k) * every;
-    out.direction(rotor, at + k) = speed[i] < 0 ? -1 : 1;
-    for (Index j = 0; j < r.joints() && left_out[i]; ++j)
       if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
   }
 }
@@ -434,10 +428,7 @@ void join(const Regressor& r, const std::vector<Part>& parts, const VectorXd& fa
     out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
     out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;
     for (Index rotor = 0; rotor < r.rotors(); ++rotor)
-      if (p.filtering.beside_slow)
-        mark_fast(r, rotor, p, fastest(rotor), at, out);
-      else
-        mark_sliding(r, rotor, p, fastest(rotor), highest(rotor) - lowest(rotor), at, out);
+      mark_sliding(r, rotor, p, fastest(rotor), highest(rotor) - lowest(rotor), at, out);
     at += count;
   }
 }
@@ -511,7 +502,7 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
     auto more = prepare_as_asked(recordings, r, with_reversals);
     if (!more || more->moving.row(j).count() < enough) continue;
     more->notes.push_back(
-        fmt::format("joint {} turns so often that {} of {} samples are two periods of the cut-off ({:.3g} Hz) from its "
+        fmt::format("joint {} turns so often that {} of {} samples are a period of the cut-off ({:.3g} Hz) from its "
                     "reversals; those near reversals count, too",
                     r.joint_name(j), out->moving.row(j).count(), out->size(), out->cutoff_hz));
     return more;
