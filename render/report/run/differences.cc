@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
 #include <set>
@@ -112,13 +113,38 @@ std::vector<FrictionChange> friction_changes(std::span<const std::unique_ptr<Run
   return changes;
 }
 
+bool know_power(const std::vector<FrictionChange>& changes) {
+  return std::ranges::all_of(changes, [](const auto& c) { return std::isfinite(c.power_change_w); });
+}
+
+namespace {
+
+/// Those whose share is above `share`, the largest change of power first.
+std::vector<const FrictionChange*> ranked(double share, const std::vector<FrictionChange>& changes) {
+  std::vector<const FrictionChange*> all;
+  for (const FrictionChange& c : changes)
+    if (std::abs(c.share()) > share) all.push_back(&c);
+  std::ranges::stable_sort(all, std::greater{}, [power = know_power(changes)](const FrictionChange* c) {
+    return std::abs(power ? c->power_change_w : c->other - c->first);
+  });
+  return all;
+}
+
+}  // namespace
+
 const FrictionChange* largest(const std::vector<FrictionChange>& changes) {
-  const bool power = std::ranges::all_of(changes, [](const auto& c) { return std::isfinite(c.power_change_w); });
-  const auto magnitude = [power](const FrictionChange& c) {
-    return std::abs(power ? c.power_change_w : c.other - c.first);
-  };
-  const auto at = std::ranges::max_element(changes, {}, magnitude);
-  return at == changes.end() ? nullptr : &*at;
+  auto all = ranked(resolved_share, changes);
+  if (all.empty()) all = ranked(-1, changes);
+  return all.empty() ? nullptr : all.front();
+}
+
+std::vector<const FrictionChange*> others_beyond(double share, const std::vector<FrictionChange>& changes,
+                                                 const FrictionChange& most) {
+  std::vector<const FrictionChange*> others;
+  for (const FrictionChange* c : ranked(share, changes))
+    if (c->joint != most.joint && std::ranges::find(others, c->joint, &FrictionChange::joint) == others.end())
+      others.push_back(c);
+  return others;
 }
 
 std::string change_text(double from, double to, const std::string& unit) {

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <ranges>
 
 #include <fmt/format.h>
 
@@ -218,15 +219,27 @@ std::string changed_work(const Runs& runs) {
                      where);
 }
 
-std::string sentence(const Runs& runs, const FrictionChange* most) {
+/// "; joint3 +20.0 %, joint4 -7.1 % at less power"; nothing where no other joint differs so much.
+std::string other_joints(const Runs& runs, const std::vector<FrictionChange>& changes, const FrictionChange& most) {
+  constexpr std::size_t shown_max = 3;
+  const auto others = others_beyond(watched_share, changes, most);
+  std::string all;
+  for (const FrictionChange* c : others | std::views::take(shown_max))
+    all += fmt::format("{} {} {:+.1f} %{}", all.empty() ? ";" : ",", c->joint, 100 * c->share(),
+                       c->run == most.run ? "" : " in " + runs.label(*runs.all[c->run]));
+  if (others.size() > shown_max) all += fmt::format(" and {} more", others.size() - shown_max);
+  return all.empty() || !know_power(changes) ? all : all + " at less power";
+}
+
+std::string sentence(const Runs& runs, const std::vector<FrictionChange>& changes, const FrictionChange* most) {
   if (!most) return "No joint moves in both runs, so that their friction cannot be compared.";
   if (std::abs(most->share()) <= resolved_share)
     return fmt::format("No joint's friction (RMS) differs by more than {:g} % from that in {}{}.", 100 * resolved_share,
                        runs.label(*runs.all.front()), changed_work(runs));
-  return fmt::format("{} has {} friction in {} than in {}: {:.4g} → {:.4g} {} ({}).", most->joint,
+  return fmt::format("{} has {} friction in {} than in {}: {:.4g} → {:.4g} {} ({}){}.", most->joint,
                      most->share() > 0 ? "more" : "less", runs.label(*runs.all[most->run]),
                      runs.label(*runs.all.front()), most->first, most->other, most->unit,
-                     change_text(most->first, most->other, most->unit));
+                     change_text(most->first, most->other, most->unit), other_joints(runs, changes, *most));
 }
 
 }  // namespace
@@ -236,7 +249,7 @@ Opening opening_of(const Runs& runs, const ReportOptions& options) {
   const FrictionChange* most = largest(changes);
   const auto keys = differing_keys(runs.all);
   Opening o{
-      .verdict = sentence(runs, most),
+      .verdict = sentence(runs, changes, most),
       .light = Light::green,
       .rule = fmt::format("green up to {:g} % of a joint's friction (root mean square over the run), amber beyond; "
                           "red when a run is not what its scenario asked for.",
@@ -245,7 +258,8 @@ Opening opening_of(const Runs& runs, const ReportOptions& options) {
       .action = keys.empty() ? "look at models and engines: the scenarios are the same."
                              : fmt::format("see whether what was changed explains it: {}.", list_of(keys)),
       .identity = identity_of_run(*runs.all.front(), options)};
-  if (most && std::abs(most->share()) > watched_share) o.light = Light::amber;
+  if (std::ranges::any_of(changes, [](const auto& c) { return std::abs(c.share()) > watched_share; }))
+    o.light = Light::amber;
   for (const auto& run : runs.all)
     if (!run->damage.empty() || !warnings(*run).empty()) {
       o.light = Light::red;
