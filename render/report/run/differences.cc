@@ -69,9 +69,14 @@ Keys keys_of(const RunData& run) {
   return keys;
 }
 
-double friction_power_w(const RunData& run, const std::string& joint) {
+/// nullptr where the record has no such joint.
+const JointHistory* history_of(const RunData& run, const std::string& joint) {
   const auto j = std::ranges::find(run.joints, joint, &JointHistory::name);
-  return j == run.joints.end() ? std::numeric_limits<double>::quiet_NaN() : j->friction_power_w;
+  return j == run.joints.end() ? nullptr : &*j;
+}
+
+double friction_power_w(const JointHistory* joint) {
+  return joint ? joint->friction_power_w : std::numeric_limits<double>::quiet_NaN();
 }
 
 }  // namespace
@@ -102,12 +107,12 @@ std::vector<FrictionChange> friction_changes(std::span<const std::unique_ptr<Run
     const auto others = joint_summaries(*runs[r]);
     for (const JointSummary& joint : first) {
       const auto other = std::ranges::find(others, joint.name, &JointSummary::name);
-      const auto history = std::ranges::find(runs[r]->joints, joint.name, &JointHistory::name);
-      if (other == others.end() || (history != runs[r]->joints.end() && !history->moved)) continue;
+      const JointHistory *before = history_of(*runs.front(), joint.name), *after = history_of(*runs[r], joint.name);
+      if (other == others.end() || (before && !before->moved) || (after && !after->moved)) continue;
       if (!(joint.friction_rms_nm > 0) || !std::isfinite(other->friction_rms_nm)) continue;
-      const bool slide = history != runs[r]->joints.end() && history->slide;
+      const bool slide = after && after->slide;
       changes.push_back({joint.name, r, joint.friction_rms_nm, other->friction_rms_nm, slide ? "N" : "Nm",
-                         friction_power_w(*runs[r], joint.name) - friction_power_w(*runs.front(), joint.name)});
+                         friction_power_w(after) - friction_power_w(before)});
     }
   }
   return changes;

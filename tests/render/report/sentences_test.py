@@ -121,4 +121,9 @@ check(
     said["verdict"].startswith("wrist has more friction in cycles than in two: "),
     said,
 )
+# A joint that rests in either run has no friction to compare.
+changed("resting", {}, {}, rests="wrist")
+for names in (("resting", "little"), ("little", "resting")):
+    said = compared(*names)
+    check(f"a joint that rests in one is not named: {names}", "wrist" not in said["verdict"], said)
 finish()
