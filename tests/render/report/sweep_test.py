@@ -275,6 +275,22 @@ check(
     "nothing listed is said", verdict("good.html").startswith("None of 38 joints needs a look."), verdict("good.html")
 )
 
+# More joints than have room: the one that is listed is not among those left out.
+many = Plant(8, [f"joint{k}" for k in range(1, 15)])  # joint9 is the last by name
+many.write(path("many.csv"), 14)
+many.write(path("many_week.csv"), 7, {("R0003", "joint9"): 0.2})
+run(twin, "fleet", "learn", "many.csv", "-o", "many.db", "--quiet")
+run(twin, "fleet", "check", "many_week.csv", "-o", "many.db", "--quiet")
+r = run(report, "fleet", "many.db")
+check("fleet of many joints: its page", r.returncode == 0 and verdict("many.html").startswith("1 of 112 "), r.stderr)
+plan = next(svg for svg in re.findall("<svg.*?</svg>", content("many.html"), re.S) if "change of Fc" in svg)
+columns = {name for name in re.findall(r">(joint\d+)<", plan)}
+check("fleet of many joints: the listed one is shown", len(columns) == 12 and "joint9" in columns, columns)
+check(
+    "fleet of many joints: what is left out is said",
+    "12 of 14 joints, 2 left out: those that are listed on a robot first." in content("many.html"),
+)
+
 db = sqlite3.connect(path("good.db"))
 db.execute("DELETE FROM models WHERE joint = 'joint3'")
 db.commit()
