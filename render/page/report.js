@@ -450,14 +450,18 @@ class Chart {
   }
 }
 
-/// What a cell says as a number: "-1.30·10⁻⁴", "12.5 %", "1 h 23 min 05 s"; NaN where it says none.
+/// What a cell says as a number: "-1.30·10⁻⁴", "12.5 %", "1 h 23 min 05 s", of a date "2026-11-25 14:20 UTC" its
+/// seconds; NaN where it says none, such as a name "6620-104417".
 function number(text) {
-  const small = '⁰¹²³⁴⁵⁶⁷⁸⁹', plainOf = (c) => (small.includes(c) ? small.indexOf(c) : c === '⁻' ? '-' : c);
-  const lowered = [...text].map(plainOf);
-  const ascii = lowered.join('').trim(), time = /^(?:(\d+) h )?(\d+) min (\d+) s/.exec(ascii);
+  const small = '⁰¹²³⁴⁵⁶⁷⁸⁹', plainOf = (c) => (c === '⁻' ? '-' : small.indexOf(c));
+  const power = (all, times, digits) => `${times ? '' : '1'}e${[...digits].map(plainOf).join('')}`;
+  const ascii = text.trim().replace(/(·?)10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)/g, power);
+  const time = /^(?:(\d+) h )?(\d+) min (\d+) s/.exec(ascii);
   if (time) return 3600 * (time[1] ?? 0) + 60 * time[2] + Number(time[3]);
-  const found = /^(?:± ?|[<>] ?|less than )?([+-]?[\d.]+)(?:(?:·10|e)([+-]?\d+))?/.exec(ascii);
-  return found ? parseFloat(found[1]) * 10 ** (found[2] ?? 0) : NaN;
+  const date = /^(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d))?)?(?:Z| UTC)?$/.exec(ascii);
+  if (date) return Date.UTC(date[1], date[2] - 1, ...date.slice(3).map((part) => part ?? 0)) / 1000;
+  const found = /^(?:± ?|[<>] ?|less than )?([+-]?[\d.]+(?:e[+-]?\d+)?)(?![-\p{L}\d._])/u.exec(ascii);
+  return found ? parseFloat(found[1]) : NaN;
 }
 
 function sortable(table) {
