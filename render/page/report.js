@@ -273,8 +273,16 @@ class Chart {
     if (mark === 'bars') return [drawn('path', { d: this.bars(series), fill: stroke, 'fill-opacity': 0.75 })];
     const d = this.line(series) + (mark === 'area' || mark === 'band' ? 'Z' : '');
     if (mark === 'band') return [drawn('path', { d, fill: stroke, 'fill-opacity': 0.2 })];
-    return [drawn('path', { d, stroke, 'stroke-width': mark === 'reference' ? 1.2 : 1.8, 'stroke-dasharray': dash,
-      fill: mark === 'area' ? stroke : 'none', 'fill-opacity': 0.12 })];
+    const line = drawn('path', { d, stroke, 'stroke-width': mark === 'reference' ? 1.2 : 1.8, 'stroke-dasharray': dash,
+      fill: mark === 'area' ? stroke : 'none', 'fill-opacity': 0.12 });
+    return mark === 'area' ? [line] : [line, ...this.points(this.alone(series))];
+  }
+
+  /// Points of a line that has no neighbour on either side, which no stroke of it would show.
+  alone({ x, y, shade, stroke }) {
+    const there = (k) => (x[k] ?? null) !== null && (y[k] ?? null) !== null;
+    const of = (values) => values.filter((_, k) => there(k) && !there(k - 1) && !there(k + 1));
+    return { mark: 'points', x: of(x), y: of(y), error: [], shade: shade.slice(0, 1), stroke, shape: 'dot' };
   }
 
   line({ x, y }) {

@@ -7,6 +7,7 @@ import numpy as np
 
 from browser import Browser
 from harness import check, content, finish, path, run, work
+from pendulum import PENDULUM
 from robot_checks import check_robot, unpacked, with_many_triangles
 
 twin, report, source = sys.argv[1:4]
@@ -141,6 +142,24 @@ for what, upwards in (
 ):
     found = tab.value(f"({SORTED})({json.dumps(upwards[::-1])})")
     check(f"{what} are sorted upwards", found == upwards, found)
+
+# A line of one sample is a point, drawn by gnuplot and by the script.
+with open(path("pendulum.xml"), "w") as f:
+    f.write(PENDULUM)
+with open(path("one.yaml"), "w") as f:
+    f.write("model: pendulum.xml\nduration_s: 0.02\ncontrol: {type: torque}\ntelemetry_rate_hz: 10\n")
+run(twin, "run", "one.yaml", "-o", "one", "--quiet")
+with h5py.File(path("one/telemetry.h5")) as f:
+    check("the record has one sample", f["time_s"].size == 1, f["time_s"][:])
+r = run(report, "one")
+check("report of one sample", r.returncode == 0, r.stderr)
+browser.open(path("one/report.html"))
+POINTS = """[...document.querySelectorAll('svg.live:not(.sample) .series path')].filter(p => p.getTotalLength() === 0
+  && p.getAttribute('stroke-linecap') === 'round' && /^M[\\d.]+ [\\d.]+h0$/.test(p.getAttribute('d'))).length"""
+check("the script draws a point", tab.value(POINTS) == 1, tab.value(POINTS))
+points = re.findall(r'id="[^"]*gnuplot_plot_2".*?</svg>', content("one/report.html"), re.S)
+check("gnuplot draws a point", [svg.count("<use ") for svg in points] == [1], points)
+browser.open(path("warmup/report.html"))
 
 # A dark page has dark figures; on paper gnuplot's drawings are there.
 check("no console message", not tab.console, tab.console)
