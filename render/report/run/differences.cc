@@ -11,6 +11,7 @@
 #include <tribotwin/render/page/page.hpp>
 #include <tribotwin/render/report/run/differences.hpp>
 #include <tribotwin/render/report/run/run_summary.hpp>
+#include <tribotwin/render/theme/theme.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -157,8 +158,8 @@ std::string change_text(double from, double to, const std::string& unit) {
   if (!(std::abs(change) > 1e-6 * size)) return "none";
   const bool no_ratio = unit == "°C" || from == 0;  // no ratio of temperatures has a meaning
   const std::string suffix = unit.empty() ? "" : unit == "°C" ? " K" : " " + unit;
-  const std::string digits = std::abs(change) < 1000 ? fmt::format("{:+.3g}", change) : fmt::format("{:+.0f}", change);
-  return fmt::format("{}{}{}", digits, suffix, no_ratio ? "" : fmt::format(", {:+.1f} %", 100 * (to / from - 1)));
+  const std::string number = (change > 0 ? "+" : "") + digits(change, 3);
+  return fmt::format("{}{}{}", number, suffix, no_ratio ? "" : fmt::format(", {:+.1f} %", 100 * (to / from - 1)));
 }
 
 }  // namespace tribotwin::render

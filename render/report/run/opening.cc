@@ -25,13 +25,13 @@ std::pair<const char*, double> energy_unit(double joule) {
 
 std::string energy(double joule) {
   const auto [unit, size] = energy_unit(joule);
-  return shown(joule / size, fmt::format("{{:.3g}} {}", unit).c_str());
+  return std::isfinite(joule) ? digits(joule / size, 3) + " " + unit : "–";
 }
 
 /// A motor that is off, or carries nothing, does no work that friction could have a share of.
 std::string of_motor_work(double joule, double motor_joule) {
   if (std::abs(motor_joule) <= 1e-9 * std::abs(joule)) return "without work of the motors";
-  return fmt::format("{:.3g} % of {} motor work", 100 * joule / motor_joule, energy(motor_joule));
+  return fmt::format("{} % of {} motor work", digits(100 * joule / motor_joule, 3), energy(motor_joule));
 }
 
 struct Change {
@@ -67,9 +67,11 @@ std::string sentence(const RunData& run, const std::vector<JointSummary>& joints
   if (!friction) return warms + ".";
   const double share = friction->to / friction->from - 1;
   if (std::abs(share) < same_share)
-    return fmt::format("{}, and its {} stays at {:.3g} {}.", warms, friction->what, friction->to, friction->unit);
-  return fmt::format("{}, and its {} {} from {:.3g} to {:.3g} {} ({:+.0f} %).", warms, friction->what,
-                     share < 0 ? "falls" : "rises", friction->from, friction->to, friction->unit, 100 * share);
+    return fmt::format("{}, and its {} stays at {} {}.", warms, friction->what, digits(friction->to, 3),
+                       friction->unit);
+  return fmt::format("{}, and its {} {} from {} to {} {} ({:+.0f} %).", warms, friction->what,
+                     share < 0 ? "falls" : "rises", digits(friction->from, 3), digits(friction->to, 3), friction->unit,
+                     100 * share);
 }
 
 void add_load(std::vector<Tile>& tiles, const std::vector<JointSummary>& joints) {
@@ -91,7 +93,7 @@ std::vector<Tile> tiles_of(const RunData& run, const std::vector<JointSummary>& 
   const JointSummary* hot = most_warmed(run, joints);
   if (const auto friction = hot ? friction_change(run, hot->name) : std::nullopt)
     tiles.push_back({fmt::format("{}, {}", friction->what, hot->name),
-                     fmt::format("{:.3g} → {:.3g} {}", friction->from, friction->to, friction->unit),
+                     fmt::format("{} → {} {}", digits(friction->from, 3), digits(friction->to, 3), friction->unit),
                      change_text(friction->from, friction->to, friction->unit)});
   if (!hot) hot = warmest(joints);
   if (hot)
@@ -187,7 +189,7 @@ std::vector<Tile> tiles_of(const Runs& runs, const FrictionChange* most) {
   if (!most) return tiles;
   const RunData &first = *runs.all.front(), &other = *runs.all[most->run];
   tiles.push_back({fmt::format("friction of {}, RMS", most->joint),
-                   fmt::format("{:.4g} → {:.4g} {}", most->first, most->other, most->unit),
+                   fmt::format("{} → {} {}", digits(most->first, 4), digits(most->other, 4), most->unit),
                    change_text(most->first, most->other, most->unit)});
   const auto temperature = [&](const RunData& run) {
     for (const auto& j : joint_summaries(run))
@@ -236,9 +238,9 @@ std::string sentence(const Runs& runs, const std::vector<FrictionChange>& change
   if (std::abs(most->share()) <= resolved_share)
     return fmt::format("No joint's friction (RMS) differs by more than {:g} % from that in {}{}.", 100 * resolved_share,
                        runs.label(*runs.all.front()), changed_work(runs));
-  return fmt::format("{} has {} friction in {} than in {}: {:.4g} → {:.4g} {} ({}){}.", most->joint,
+  return fmt::format("{} has {} friction in {} than in {}: {} → {} {} ({}){}.", most->joint,
                      most->share() > 0 ? "more" : "less", runs.label(*runs.all[most->run]),
-                     runs.label(*runs.all.front()), most->first, most->other, most->unit,
+                     runs.label(*runs.all.front()), digits(most->first, 4), digits(most->other, 4), most->unit,
                      change_text(most->first, most->other, most->unit), other_joints(runs, changes, *most));
 }
 

@@ -386,6 +386,13 @@ TEST(Theme, TextWithoutSurprises) {
   EXPECT_EQ(printable("\x1b[31m\xff"), "\uFFFD[31m\uFFFD");
   EXPECT_EQ(duration(4983), "1 h 23 min 03 s");
   EXPECT_EQ(duration(59.9), "59.90 s");
+  EXPECT_EQ(digits(1234.4, 3), "1234");  // no power of ten
+  EXPECT_EQ(digits(999.6, 3), "1000");
+  EXPECT_EQ(digits(-110, 2), "-110");
+  EXPECT_EQ(digits(25.04, 3), "25");
+  EXPECT_EQ(digits(0.000012345, 2), "0.000012");
+  EXPECT_EQ(digits(0, 3), "0");
+  EXPECT_EQ(digits(1.5e9, 2), "1.5e+09");
   EXPECT_FALSE(std::signbit(ticks(-2, 20, 5).front()));  // which would be written as "-0"
   EXPECT_EQ(ticks(0, 1, 5), (std::vector<double>{0, 0.2, 0.4, 0.6000000000000001, 0.8, 1}));
 }

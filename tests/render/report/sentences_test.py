@@ -3,9 +3,11 @@ joints that cost little and changed much. Arguments: tribotwin, tribotwin-report
 import json, re, shutil, sys
 
 import h5py
+import numpy as np
 
 from browser import opening
 from harness import check, content, finish, path, run
+from numbers_of_page import text_of
 from pendulum import PENDULUM
 
 twin, report = sys.argv[1:3]
@@ -61,7 +63,7 @@ def doubled(xml):
 write("two.xml", doubled(PENDULUM))
 write(
     "two.yaml",
-    "model: two.xml\nduration_s: 5\nmotion: {type: cycle, waypoints: [{position_rad: {hinge: -0.5, wrist: -0.1}}, "
+    "model: two.xml\nduration_s: 15\nmotion: {type: cycle, waypoints: [{position_rad: {hinge: -0.5, wrist: -0.1}}, "
     "{position_rad: {hinge: 0.6, wrist: 0.1}}], speed_rad_s: 2}\n",
 )
 r = run(twin, "run", "two.yaml", "-o", "two", "--quiet")
@@ -126,4 +128,23 @@ changed("resting", {}, {}, rests="wrist")
 for names in (("resting", "little"), ("little", "resting")):
     said = compared(*names)
     check(f"a joint that rests in one is not named: {names}", "wrist" not in said["verdict"], said)
+
+# Numbers from 1000 on have no power of ten.
+shutil.copytree(path("two"), path("strong"))
+s = json.loads(content("strong/summary.json"))
+s["joints"][0]["temperature_degC"].update(start=25, end=40, max=40)
+s["friction_work_J"], s["motor_work_J"] = 1.2344e9, 1e8
+write("strong/summary.json", json.dumps(s))
+with h5py.File(path("strong/telemetry.h5"), "r+") as f:
+    power = f["hinge/cycle_friction_power_W"]
+    check("enough cycles", power.size > 2, power.size)
+    power[:] = np.linspace(1234.4, 999.7, power.size)
+run(report, "strong", "-o", "strong.html", "--quiet")
+read = text_of(content("strong.html"))
+check(
+    "powers of a strong joint are written out",
+    "falls from 1234 to 1000 W (-19 %)" in read and "1234 → 1000 W" in read and "-235 W, -19.0 %" in read,
+    read[:1200],
+)
+check("so are its works", "1234 MJ" in read and "1234 % of 100 MJ motor work" in read, read[:1200])
 finish()
