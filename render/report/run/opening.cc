@@ -159,6 +159,9 @@ Opening opening_of(const RunData& run, const ReportOptions& options) {
     o.light = Light::amber;
     o.rule = "a page is amber when something is missing.";
     o.action = "read what is missing below.";
+  } else if (!has_checks(run)) {
+    o.light = Light::amber;
+    o.action = "run the scenario again with this version, which checks the run, before its figures are used.";
   } else if (const auto outside = joints_outside_law(run); !outside.empty()) {
     o.light = Light::amber;
     o.rule += fmt::format(" Amber, because {} left the range in which the law was measured.", outside);

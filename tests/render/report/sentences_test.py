@@ -147,4 +147,17 @@ check(
     read[:1200],
 )
 check("so are its works", "1234 MJ" in read and "1234 % of 100 MJ motor work" in read, read[:1200])
+
+# A summary of an early version has no checks: nothing is known, which is not green.
+shutil.copytree(path("on"), path("early"))
+s = json.loads(content("early/summary.json"))
+del s["health"]
+write("early/summary.json", json.dumps(s))
+run(report, "early", "-o", "early.html", "--quiet")
+said = opening(content("early.html"))
+check(
+    "a run without checks is amber, and the page says why",
+    said["light"] == "Amber" and "its summary has no checks" in said["rule"] and "again" in said["action"],
+    said,
+)
 finish()
