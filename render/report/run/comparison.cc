@@ -21,12 +21,6 @@ namespace {
 
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
-std::string unit_of_all(const Runs& runs) {
-  std::vector<JointHistory> all;
-  for (const auto& run : runs.all) all.insert(all.end(), run->joints.begin(), run->joints.end());
-  return force_unit(all, [](const JointHistory&) { return true; });
-}
-
 /// A column of every run: in several tables where those of one would not fit on paper.
 void add_table(IllustratedPage& page, const std::vector<std::string>& head,
                const std::vector<std::vector<std::string>>& rows) {
@@ -124,6 +118,13 @@ std::string watched_joint(const Runs& runs) {
   return hot ? hot->name : "";
 }
 
+/// Of its friction.
+std::string unit_of_watched(const Runs& runs) {
+  std::vector<JointHistory> all;
+  for (const auto& run : runs.all) all.insert(all.end(), run->joints.begin(), run->joints.end());
+  return force_unit(all, [name = watched_joint(runs)](const JointHistory& j) { return j.name == name; });
+}
+
 /// A curve of the watched joint in each run that `trace` has values for.
 std::vector<Trace> of_runs(const Runs& runs, auto trace) {
   const std::string name = watched_joint(runs);
@@ -175,7 +176,7 @@ std::vector<Trace> frictions(const Runs& runs) {
 
 Axis friction_axis(const Runs& runs) {
   if (compares_power(runs)) return {.quantity = "friction power", .symbol = "{/:Italic P}", .unit = "W"};
-  return {.quantity = "friction, RMS", .symbol = "{/:Italic τ}_f", .unit = unit_of_all(runs)};
+  return {.quantity = "friction, RMS", .symbol = "{/:Italic τ}_f", .unit = unit_of_watched(runs)};
 }
 
 std::string friction_caption(const Runs& runs) {

@@ -1,6 +1,6 @@
 """First sentences that once misled: of a run whose motors do no work, of runs whose friction differs in power alone, of
 joints that cost little and changed much. Arguments: tribotwin, tribotwin-report."""
-import json, re, shutil, sys
+import html, json, re, shutil, sys
 
 import h5py
 import numpy as np
@@ -160,4 +160,20 @@ check(
     said["light"] == "Amber" and "its summary has no checks" in said["rule"] and "again" in said["action"],
     said,
 )
+
+# A slide beside a hinge: the figure of one joint has that joint's unit.
+write("mixed.xml", doubled(PENDULUM).replace('name="wrist"', 'name="wrist" type="slide"'))
+write("mixed.yaml", re.sub(r"two\.xml\nduration_s: 15", "mixed.xml\nduration_s: 0.3", content("two.yaml")))
+r = run(twin, "run", "mixed.yaml", "-o", "mixed", "--quiet")
+check("a hinge and a slide run", r.returncode == 0, r.stderr)
+for joint, unit in (("hinge", "Nm"), ("wrist", "N")):
+    shutil.copytree(path("mixed"), path("mixed_" + joint))
+    s = json.loads(content(f"mixed_{joint}/summary.json"))
+    next(j for j in s["joints"] if j["name"] == joint)["friction_nm"]["rms"] *= 1.3
+    write(f"mixed_{joint}/summary.json", json.dumps(s))
+    said = compared("mixed", "mixed_" + joint)
+    check(f"{joint} is the one that differs", said["verdict"].startswith(joint + " has more friction"), said)
+    data = [json.loads(html.unescape(d)) for d in re.findall(r'data-figure="([^"]*)"', content("compared.html"))]
+    units = {d["y"]["unit"] for d in data[:2] if "friction" in d["y"]["quantity"]}
+    check(f"friction of {joint} in {unit}", units == {unit}, [d["y"] for d in data])
 finish()
