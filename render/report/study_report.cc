@@ -292,9 +292,8 @@ class Writer {
     if (joint.power.empty()) return {};
     std::vector<Counted> drawn;
     for (const auto& power : joint.power)
-      drawn.push_back({fmt::format("{}, {:.2g}{}", power.fault->name, 2 * power.detection_limit,
-                                   power.fault->unit == "1" ? "" : fmt::format(" {}", power.fault->unit)),
-                       power.named});
+      drawn.push_back(
+          {fmt::format("{}, {}", power.fault->name, severity_text(power, 2 * power.detection_limit)), power.named});
     page_.add(page_.body(), "p",
               "Curves drawn from law and scatter, each fault at twice its detection limit (the severity that is "
               "detected in 95 % of the curves): shares by verdict.");
@@ -306,12 +305,17 @@ class Writer {
               "soft");
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     for (const auto& power : joint.power)
-      if (auto ok =
-              page_.show(grid, roc(joint, power), fmt::format("{}_roc_{}", joint.name, power.fault->name),
-                         fmt::format("{}; detection limit {:.2g}.", power.fault->footprint, power.detection_limit));
+      if (auto ok = page_.show(grid, roc(joint, power), fmt::format("{}_roc_{}", joint.name, power.fault->name),
+                               fmt::format("{}; detection limit {}.", power.fault->footprint,
+                                           severity_text(power, power.detection_limit)));
           !ok)
         return ok;
     return {};
+  }
+
+  /// With its unit where it has one: "0.04", "0.1 Nm".
+  static std::string severity_text(const twin::study::Power& power, double severity) {
+    return fmt::format("{:.2g}{}", severity, power.fault->unit == "1" ? "" : fmt::format(" {}", power.fault->unit));
   }
 
   static Figure roc(const StudyJoint& joint, const twin::study::Power& power) {

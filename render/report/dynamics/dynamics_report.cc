@@ -137,7 +137,7 @@ class Writer {
                        fmt::format("of the torques of {}", j->name), j->band_fails ? "warn" : "good"});
     if (const auto* j = worst(&JointPrediction::outside))
       tiles.push_back(
-          {"outside the training", j->outside == 0 ? "0 %" : percent(j->outside),
+          {"outside the training", percent(j->outside),
            j->outside == 0 ? "of the samples" : fmt::format("of the samples of {}, by {}", j->name, j->outside_of),
            j->outside > seldom ? "warn" : "good"});
     tiles.push_back({"recordings", fmt::format("{}", data_.recordings.size()), without_folder(data_.model)});

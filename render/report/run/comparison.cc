@@ -1,9 +1,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 #include <iterator>
 #include <limits>
+#include <span>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -320,14 +324,23 @@ std::string Runs::title() const {
 }
 
 std::string Runs::label(const RunData& run) const {
-  const auto alike = [&](auto name_of) {
-    return std::ranges::count_if(all, [&](const auto& r) { return name_of(*r) == name_of(run); }) > 1;
+  if (std::ranges::count(all, run.name, [](const auto& r) { return r->name; }) < 2) return run.name;
+  const auto parts_of = [](const RunData& r) {
+    std::error_code error;
+    const auto path = (std::filesystem::absolute(r.directory, error) / "").lexically_normal().parent_path();
+    return std::vector<std::string>(path.begin(), path.end());
   };
-  const auto name = [](const RunData& r) { return r.name; };
-  const auto folder = [](const RunData& r) { return (r.directory / "").parent_path().filename().string(); };
-  if (!alike(name)) return run.name;
-  if (!alike(folder)) return folder(run);
-  return run.directory.lexically_normal().string();
+  const auto own = parts_of(run);
+  std::size_t needed = 1;
+  for (const auto& r : all) {
+    const auto other = parts_of(*r);
+    if (other == own) continue;
+    const auto differs = std::mismatch(own.rbegin(), own.rend(), other.rbegin(), other.rend()).first;
+    needed = std::max(needed, static_cast<std::size_t>(differs - own.rbegin()) + 1);
+  }
+  std::filesystem::path label;
+  for (const auto& part : std::span(own).last(std::min(needed, own.size()))) label /= part;
+  return label.string();
 }
 
 Result<void> add_comparison(IllustratedPage& page, const Runs& runs) {

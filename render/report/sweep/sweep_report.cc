@@ -80,7 +80,9 @@ class Writer {
     const auto& s = view_.statistics(*first);
     const std::size_t values = s["count"].get<std::size_t>();
     const double low = number_in(s["min"]), high = number_in(s["max"]);
-    if (low == high) return text + fmt::format("In all {} {} is {}.", runs_text(values), q.name, q.with_unit(low));
+    if (low == high)
+      return text + fmt::format("In {} {} is {}.", values == 1 ? "the only run" : "all " + runs_text(values), q.name,
+                                q.with_unit(low));
     text +=
         fmt::format("The mean of {} is {} over {}, which lie between {} and {}", q.name, q.estimated(s["mean"]),
                     sweep_.indices ? fmt::format("the {} that are independent", runs_text(values)) : runs_text(values),

@@ -210,6 +210,14 @@ check(
     "threshold is exceeded. The equivalent loads do not follow a straight line" in tile and "since about" not in tile,
     tile[:3000],
 )
+told = json.loads(run(twin, "diagnose", "check", "healthy.yaml", *sudden, "--json").stdout)["observations"]
+healthy = next(file for file, o in zip(sudden, told) if not o["anomalous"])
+run(report, "diagnosis", "healthy.yaml", healthy, sudden[-1], "-o", "two.html", "--quiet")
+verdict = opening(harness.content("two.html"))["verdict"]
+check("one curve of two", verdict.startswith("1 of 2 curves is not that of a healthy joint; "), verdict)
+run(report, "diagnosis", "healthy.yaml", sudden[-1], "-o", "only.html", "--quiet")
+verdict = opening(harness.content("only.html"))["verdict"]
+check("one curve alone", verdict.startswith("The curve is not that of a healthy joint; it looks like "), verdict)
 
 os.rename(os.path.join(work, "healthy.csv"), os.path.join(work, "gone.csv"))
 r = run(report, "diagnosis", "healthy.yaml", "checked.csv", "-o", "alone.html", "--quiet")
@@ -356,6 +364,7 @@ check(
     "curves with a fault are named by it." in text,
     text[:600],
 )
+check("study: a detection limit has its unit", "detection limit 8.4·10⁻⁵ rad." in text, re.findall("limit .*", text))
 check("study: faults named", re.search(r"faults named\s+1 of 2", text), text[:600])
 check(
     "study: confusion",

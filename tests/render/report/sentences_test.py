@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 
 from browser import opening
-from harness import check, content, finish, path, run
+from harness import check, content, finish, path, run, work
 from numbers_of_page import text_of
 from pendulum import PENDULUM
 
@@ -176,4 +176,28 @@ for joint, unit in (("hinge", "Nm"), ("wrist", "N")):
     data = [json.loads(html.unescape(d)) for d in re.findall(r'data-figure="([^"]*)"', content("compared.html"))]
     units = {d["y"]["unit"] for d in data[:2] if "friction" in d["y"]["quantity"]}
     check(f"friction of {joint} in {unit}", units == {unit}, [d["y"] for d in data])
+
+# Runs of one name in folders of one name: the shortest end of the path tells them apart, not all of it.
+for cell in ("cell_a", "cell_b"):
+    shutil.copytree(path("on"), path(cell, "today"))
+said = compared(path("cell_a/today"), path("cell_b/today"))
+page = content("compared.html")
+check("the first is named by two folders", "% from that in cell_a/today" in said["verdict"], said)
+check("so is the other", "result\ncell_a/today\ncell_b/today\n" in text_of(page), text_of(page)[:2000])
+check("nothing is said of this machine", work not in page)
+
+# A record of one sample.
+write("one.yaml", content("off.yaml").replace("0.2", "0.02") + "telemetry_rate_hz: 10\n")
+run(twin, "run", "one.yaml", "-o", "one", "--quiet")
+run(report, "one", "-o", "one.html", "--quiet")
+page = content("one.html")
+check("one pose is the only one", "The only pose of the run, at 0.00 s." in page and "1 poses" not in page)
+check("so is its moment in 3-D", "The only moment of the run" in page and "1 moments" not in page)
+compared("one", "one")
+check(
+    "one sample has no root mean square",
+    "hinge: friction, magnitude of the only sample." in content("compared.html")
+    and "over 0.00 s" not in content("compared.html"),
+    re.findall("<figcaption>(.*?)</figcaption>", content("compared.html")),
+)
 finish()

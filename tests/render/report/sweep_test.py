@@ -216,6 +216,18 @@ run(report, "sweep", "runs/corner", "-o", "corner.html")
 drawn = set(re.findall(r"friction[^<]*?(0\.1\d+)[^<]*, quadratic<", content("corner.html")))
 check("sweep: no surface of a time that goes below zero, but of one that hardly does", drawn == {"0.12"}, drawn)
 
+# One run is said as one.
+write(
+    "single.yaml",
+    "scenario: scenario.yaml\nset: {duration_s: 1}\nfactors: {temperature_degC: [20]}\n"
+    "design: {type: grid}\noutputs: [heat_J]\n",
+)
+run(twin, "sweep", "single.yaml", "-o", "runs/single", "--quiet")
+run(report, "sweep", "runs/single", "-o", "single.html")
+check(
+    "sweep of one run", verdict("single.html").startswith("In the only run friction heat is "), verdict("single.html")
+)
+
 # ---- Fleets.
 plant = Plant(20)
 plant.write(path("healthy.csv"), 14)
