@@ -4,7 +4,6 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <mujoco/mujoco.h>
 
 #include <tribotwin/render/commands/page.hpp>
 #include <tribotwin/twin/io/command_line/version.hpp>
@@ -76,7 +75,6 @@ int PageFile::make(const std::string& command_line,
                                   .command = command_line,
                                   .progress = [&](double share) { progress(share); },
                                   .software = "tribotwin " + twin::program::version_number(),
-                                  .engine = fmt::format("MuJoCo {}", mj_versionString()),
                                   .robot = robot_,
                                   .serial_number = serial_number_,
                                   .date = date_}));

@@ -11,6 +11,7 @@
 #include <tribotwin/render/report/diagnosis_words.hpp>
 #include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/study_report.hpp>
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
@@ -185,7 +186,9 @@ class Writer {
                 .rule = "red when fewer than 80 % of the faults are named, amber with a false alarm.",
                 .tiles = std::move(tiles),
                 .action = "compare figures and tables with those of Zhou 2024.",
-                .identity = identity_of(options_, "")});
+                .identity = identity_of(
+                    options_, "", "",
+                    twin::engine_of(twin::read_text(directory / "campaign.yaml", "a campaign").value_or("")))});
     for (const auto& said : sentences) page_.add(to, "p", said);
     page_.add(
         to, "p",

@@ -149,7 +149,7 @@ def hold(page, check, command, healthy, seen, watched, levels, dates, days, reac
     bad = [o for o in seen if o["anomalous"]]
     n.take("healthy.yaml", healthy)
     n.take("the command", command)
-    n.match("identity", rf"data of {dates[-1]} · tribotwin ([\d.]+) · MuJoCo [\d.]+\n", lambda v: True)
+    n.match("identity", rf"data of {dates[-1]} · page made with tribotwin ([\d.]+)\n", lambda v: True)
     change, half = h.friction_change(last, *levels)
     n.match(
         "friction, latest",

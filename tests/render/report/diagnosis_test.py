@@ -333,12 +333,20 @@ def keep(whole):
 
 whole = study()
 keep(whole)
+with open(os.path.join(work, "study", "campaign.yaml"), "w") as f:
+    f.write("# MuJoCo 1.9.9, model 0\nprocedure: diagnosis\n")
 page = os.path.join(work, "study", "report.html")
 r = run(report, "study", "study", "--quiet")
 check(
     "study: the page is written",
     r.returncode == 0 and r.stdout == "study/report.html\n" and r.stderr == "",
     (r.returncode, r.stdout, r.stderr),
+)
+made = opening(harness.content("study/report.html"))["identity"]
+check(
+    "study: the engine is the one that simulated the curves",
+    "page made with tribotwin " in made and made.endswith(" · simulated by MuJoCo 1.9.9"),
+    made,
 )
 measured = browser.check_page("study", page, images=0, drawings=2 * (4 + 6 + 4) + 7 + 1)
 text = measured["text"] if measured else ""
