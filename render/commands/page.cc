@@ -12,15 +12,19 @@ namespace tribotwin::render::program {
 
 namespace fs = std::filesystem;
 
-void PageOptions::add_to(CLI::App& command, const char* output_help) {
+void PageOptions::add_output_to(CLI::App& command, const char* output_help) {
   output.add_to(command, output_help);
   output.add_json_to(command);
   command.add_flag("--png", png, "Also every figure as PNG, in a folder beside the page");
   command.add_flag("--pdf", pdf, "Also every figure as PDF, in a folder beside the page");
+  command.add_flag("--quiet", quiet, "No progress");
+}
+
+void PageOptions::add_to(CLI::App& command, const char* output_help) {
+  add_output_to(command, output_help);
   command.add_option("--robot", robot,
                      "What the page calls the robot (of a run: default is key robot of its scenario)");
   command.add_option("--serial-number", serial_number, "Its serial number, shown on the page");
-  command.add_flag("--quiet", quiet, "No progress");
 }
 
 namespace {

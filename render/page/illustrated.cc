@@ -32,7 +32,7 @@ FigureSize size_of(const Figure& figure) {
 
 std::vector<std::string> identity_of(const ReportOptions& o, const std::string& otherwise, const std::string& measured,
                                      const std::string& simulated_by) {
-  return {o.robot.empty() ? otherwise : o.robot, o.serial_number.empty() ? "" : "serial number " + o.serial_number,
+  return {o.robot.empty() ? otherwise : o.robot, serial_number_in_words(o.serial_number),
           !measured.empty() ? "data of " + measured
           : !o.date.empty() ? "newest file written " + o.date
                             : "",

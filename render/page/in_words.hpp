@@ -57,6 +57,11 @@ inline std::string with_sigma(double value, double sigma) {
   return fmt::format("{:.{}f} ± {:.{}f}", value, decimals, sigma, decimals);
 }
 
+/// "serial number 12" of "12"; nothing of none.
+inline std::string serial_number_in_words(const std::string& number) {
+  return number.empty() ? "" : "serial number " + number;
+}
+
 /// "slow" of "runs/slow/", "robot.yaml" of "laws/robot.yaml".
 inline std::string without_folder(const std::filesystem::path& file) {
   return (file.has_filename() ? file : file.parent_path()).filename().string();

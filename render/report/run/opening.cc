@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/report/record/cycles.hpp>
 #include <tribotwin/render/report/run/differences.hpp>
 #include <tribotwin/render/report/run/health.hpp>
@@ -120,7 +121,7 @@ std::vector<std::string> identity_of_run(const RunData& run, const ReportOptions
     version = text(run.summary["engine"], "version");
   const std::string robot = options.robot.empty() ? run.robot() : options.robot,
                     serial = options.serial_number.empty() ? run.serial_number() : options.serial_number;
-  return {robot, serial.empty() ? "" : "serial number " + serial, run.date(), options.software,
+  return {robot, serial_number_in_words(serial), run.date(), options.software,
           version.empty() ? "" : "simulated by MuJoCo " + version};
 }
 

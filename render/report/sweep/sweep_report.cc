@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/process/child.hpp>
 #include <tribotwin/render/report/sweep/sweep_figures.hpp>
 #include <tribotwin/render/report/sweep/sweep_report.hpp>
@@ -130,7 +131,7 @@ class Writer {
                           : warned           ? "read below which checks warn, before figures are used."
                           : !sweep_.finished ? "make the other runs; how stands below."
                                              : leading_action(),
-                .identity = {options_.robot, sweep_.date,
+                .identity = {options_.robot, serial_number_in_words(options_.serial_number), sweep_.date,
                              fmt::format("{} of {}: {}", runs_text(made()),
                                          std::filesystem::path(sweep_.scenario).filename().string(), design_text()),
                              "tribotwin " + twin::program::version_number(), sweep_.engine}});

@@ -227,6 +227,9 @@ run(report, "sweep", "runs/single", "-o", "single.html")
 check(
     "sweep of one run", verdict("single.html").startswith("In the only run friction heat is "), verdict("single.html")
 )
+run(report, "sweep", "runs/single", "-o", "named.html", "--robot", "arm 3", "--serial-number", "77-2")
+made = opening(content("named.html"))["identity"]
+check("sweep of a robot that the user names", made.startswith("arm 3 · serial number 77-2 · "), made)
 
 # ---- Fleets.
 plant = Plant(20)
@@ -317,6 +320,7 @@ check_refused(
 write("empty.db", "")
 check_refused("an empty file", run(report, "fleet", "empty.db"), ["empty.db", "is empty"], 2, lines=None)
 check_refused("no file", run(report, "fleet", "no.db"), ["no.db", "there is no such file"], 2, lines=None)
+check_refused("a fleet is no robot", run(report, "fleet", "plant.db", "--robot", "arm 3"), ["--robot"], 2, lines=None)
 check("no file is made", not os.path.exists(path("no.db")))
 check_refused("another file", run(report, "fleet", "week.csv"), ["week.csv", "is no store"], 2, lines=None)
 check_refused("a wrong day", run(report, "fleet", "plant.db", "--date", "May"), ["--date May"], 2, lines=None)
