@@ -138,6 +138,13 @@ class Writer {
     return all;
   }
 
+  std::vector<Tile> learned_tiles() const {
+    std::size_t learned = 0;
+    for (const StudyJoint& joint : joints_) learned += joint.learned.size();
+    return {{"joints", fmt::format("{}", joints_.size()), twin::joined(names(joints_))},
+            {"learned", fmt::format("{}", learned), "unloaded curves of healthy joints"}};
+  }
+
   void head(const std::filesystem::path& directory) {
     auto to = page_.body();
     page_.add(to, "h1", title_);
@@ -161,7 +168,7 @@ class Writer {
         hits += v.faults.empty() ? v.anomalous : v.is_named();
       }
     }
-    std::vector<Tile> tiles;
+    std::vector<Tile> tiles = learned_tiles();
     std::vector<std::string> found;
     if (loaded) {
       found.push_back(fmt::format("{} of {} curves with a payload are noticed", flagged, loaded));

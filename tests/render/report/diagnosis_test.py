@@ -435,6 +435,11 @@ check(
     len(figures) == 14 and not any("roc" in name for name in figures),
     (r.stderr, figures),
 )
+few = {"learned": whole["joint5"]["learned"], "observations": whole["joint5"]["observations"][:1]}
+keep({"joint5": few})
+r = run(report, "study", "study", "-o", "few.html", "--quiet")
+said = opening(harness.content("few.html")) if r.returncode == 0 else {"tiles": []}
+check("study of one checked curve: three to five tiles", 3 <= len(said["tiles"]) <= 5, (r.stderr, said))
 keep(whole)
 os.remove(os.path.join(work, "study", "joint5", "curves.csv"))
 for name, folder, says in (
