@@ -36,7 +36,7 @@ void add_fleet(CLI::App& app, Call& call) {
                                      "The joints of a plant as a page: which need a look, how they changed over days, "
                                      "all robots at a glance");
   command->add_option("STORE", a->store, "Store of tribotwin fleet; it is not changed")->required();
-  a->add_to(*command, "The page (default: STORE with the ending .html)");
+  a->add_output_to(*command, "The page (default: STORE with the ending .html)");
   command
       ->add_option("--false-discovery-rate", a->fleet.survey.rate,
                    "Share of the listed joints that may be healthy, on average")

@@ -4,7 +4,6 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <mujoco/mujoco.h>
 
 #include <tribotwin/render/commands/page.hpp>
 #include <tribotwin/twin/io/command_line/version.hpp>
@@ -13,15 +12,19 @@ namespace tribotwin::render::program {
 
 namespace fs = std::filesystem;
 
-void PageOptions::add_to(CLI::App& command, const char* output_help) {
+void PageOptions::add_output_to(CLI::App& command, const char* output_help) {
   output.add_to(command, output_help);
   output.add_json_to(command);
   command.add_flag("--png", png, "Also every figure as PNG, in a folder beside the page");
   command.add_flag("--pdf", pdf, "Also every figure as PDF, in a folder beside the page");
+  command.add_flag("--quiet", quiet, "No progress");
+}
+
+void PageOptions::add_to(CLI::App& command, const char* output_help) {
+  add_output_to(command, output_help);
   command.add_option("--robot", robot,
                      "What the page calls the robot (of a run: default is key robot of its scenario)");
   command.add_option("--serial-number", serial_number, "Its serial number, shown on the page");
-  command.add_flag("--quiet", quiet, "No progress");
 }
 
 namespace {
@@ -76,7 +79,6 @@ int PageFile::make(const std::string& command_line,
                                   .command = command_line,
                                   .progress = [&](double share) { progress(share); },
                                   .software = "tribotwin " + twin::program::version_number(),
-                                  .engine = fmt::format("MuJoCo {}", mj_versionString()),
                                   .robot = robot_,
                                   .serial_number = serial_number_,
                                   .date = date_}));

@@ -16,6 +16,8 @@ struct PageOptions {
   bool png = false, pdf = false, quiet = false;
   std::string robot, serial_number;
 
+  /// All but those of the robot, for pages of many robots.
+  void add_output_to(CLI::App& command, const char* output_help);
   void add_to(CLI::App& command, const char* output_help);
 };
 

@@ -451,8 +451,19 @@ std::string look(const Figure& f, const Series& c, const theme::Stroke& stroke) 
   return "";
 }
 
+/// Points of a line that has no finite neighbour on either side, which no stroke of it would show.
+Series alone(const Series& c) {
+  Series points{.mark = Mark::points};
+  if (c.mark != Mark::line && c.mark != Mark::reference) return points;
+  const auto there = [&c](std::size_t k) { return k < c.x.size() && std::isfinite(c.x[k]) && std::isfinite(c.y[k]); };
+  for (std::size_t k = 0; k < c.x.size(); ++k)
+    if (there(k) && !there(k + 1) && !(k > 0 && there(k - 1))) points.x.push_back(c.x[k]), points.y.push_back(c.y[k]);
+  if (!c.shade.empty()) points.shade = {c.shade.front()};
+  return points;
+}
+
 std::string curves(const Figure& f, FigureSize size) {
-  std::string s, plot;
+  std::string s, plot, points;
   Ranges ranges;
   std::size_t strokes = 0;
   for (std::size_t i = 0; i < f.series.size(); ++i) {
@@ -466,7 +477,12 @@ std::string curves(const Figure& f, FigureSize size) {
     plot += fmt::format("{} $s{} using {}", i ? "," : "plot", i, look(f, c, stroke));
     plot +=
         c.label.empty() ? " notitle" : fmt::format(" title {} noenhanced", quoted(fitting(c.label, size.width - 130)));
+    if (const Series lone = alone(c); !lone.x.empty()) {
+      s += fmt::format("$p{} << END\n{}END\n", i, data(f, lone, stroke, ranges));
+      points += fmt::format(", $p{} using {} notitle", i, look(f, lone, stroke));
+    }
   }
+  plot += points;
   if (f.colour) {
     s += fmt::format("set cblabel {} textcolor '{}'\n", label(*f.colour, size.height - 40), hex(theme::ink)) +
          room_for_colours(*f.colour, size) + range("cb", *f.colour, {});

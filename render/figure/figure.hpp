@@ -20,7 +20,7 @@ struct Axis {
 };
 
 enum class Mark {
-  line,
+  line,        ///< a point where a value has a gap on both sides
   reference,   ///< a thin dashed line, to compare with
   points,      ///< small and translucent where they are many
   error_bars,  ///< points with y +- error

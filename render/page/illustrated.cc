@@ -30,13 +30,13 @@ FigureSize size_of(const Figure& figure) {
 
 }  // namespace
 
-std::vector<std::string> identity_of(const ReportOptions& o, const std::string& otherwise,
-                                     const std::string& measured) {
-  return {o.robot.empty() ? otherwise : o.robot, o.serial_number.empty() ? "" : "serial number " + o.serial_number,
+std::vector<std::string> identity_of(const ReportOptions& o, const std::string& otherwise, const std::string& measured,
+                                     const std::string& simulated_by) {
+  return {o.robot.empty() ? otherwise : o.robot, serial_number_in_words(o.serial_number),
           !measured.empty() ? "data of " + measured
           : !o.date.empty() ? "newest file written " + o.date
                             : "",
-          o.software, o.engine};
+          "page made with " + o.software, simulated_by.empty() ? "" : "simulated by " + simulated_by};
 }
 
 std::string source_of(const std::string& kind, const std::vector<std::string>& files) {

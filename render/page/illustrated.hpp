@@ -16,7 +16,6 @@ struct ReportOptions {
   std::string command;               ///< the command line that makes this report; shown in it
   std::function<void(double)> progress;
   std::string software{};                ///< "tribotwin 0.1.0", which makes the page
-  std::string engine{};                  ///< "MuJoCo 2.2.2", which it is linked with
   std::string robot{}, serial_number{};  ///< of what the page is about, as the user calls it; may be empty
   std::string date{};                    ///< when the newest file that is read was written: "2026-11-25"
 };
@@ -31,10 +30,11 @@ struct Report {
   std::vector<std::string> notes;  ///< what could not be shown, for stderr; the page says so too
 };
 
-/// What identifies a page of measured data. `otherwise`, where the user names no robot: the one that a model names, or
-/// source_of the data; may be empty. `measured`: the date of the newest data, where they have one.
+/// What identifies a page of results. `otherwise`, where the user names no robot: the one that a model names, or
+/// source_of the data; may be empty. `measured`: the date of the newest data, where they have one. `simulated_by`: the
+/// engine that simulated the data, as these say; empty where they do not, and of measured data.
 std::vector<std::string> identity_of(const ReportOptions& options, const std::string& otherwise,
-                                     const std::string& measured = "");
+                                     const std::string& measured = "", const std::string& simulated_by = "");
 /// "recording: a.csv", "recordings: a.csv, b.csv"; of more than three "recordings: a.csv and 4 more"; nothing of none.
 std::string source_of(const std::string& kind, const std::vector<std::string>& files);
 

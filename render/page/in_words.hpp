@@ -13,10 +13,14 @@
 /// Numbers and names as pages say them.
 namespace tribotwin::render {
 
-/// "4.2 %" of 0.042, "31 %" of 0.31, "less than 0.1 %" of less; a dash where there is no number.
+/// "4.2 %" of 0.042, "31 %" of 0.31, "less than 0.1 %" of less than that but not of 0, "99.7 %" of 0.997, "more than
+/// 99.9 %" of what is nearly 1; a dash where there is no number.
 inline std::string percent(double share) {
   if (std::isnan(share)) return "–";
-  return share < 1e-3 ? "less than 0.1 %" : fmt::format("{:.{}f} %", 100 * share, share < 0.1 ? 1 : 0);
+  if (share == 0) return "0 %";
+  if (share < 1e-3) return "less than 0.1 %";
+  if (share > 0.999 && share < 1) return "more than 99.9 %";
+  return fmt::format("{:.{}f} %", 100 * share, share < 0.1 || (share >= 0.995 && share < 1) ? 1 : 0);
 }
 
 /// "10⁻⁵" of -5.
@@ -51,6 +55,11 @@ inline std::string with_superscripts(std::string text) {
 inline std::string with_sigma(double value, double sigma) {
   const int decimals = std::clamp(1 - static_cast<int>(std::floor(std::log10(sigma))), 0, 9);
   return fmt::format("{:.{}f} ± {:.{}f}", value, decimals, sigma, decimals);
+}
+
+/// "serial number 12" of "12"; nothing of none.
+inline std::string serial_number_in_words(const std::string& number) {
+  return number.empty() ? "" : "serial number " + number;
 }
 
 /// "slow" of "runs/slow/", "robot.yaml" of "laws/robot.yaml".

@@ -273,8 +273,16 @@ class Chart {
     if (mark === 'bars') return [drawn('path', { d: this.bars(series), fill: stroke, 'fill-opacity': 0.75 })];
     const d = this.line(series) + (mark === 'area' || mark === 'band' ? 'Z' : '');
     if (mark === 'band') return [drawn('path', { d, fill: stroke, 'fill-opacity': 0.2 })];
-    return [drawn('path', { d, stroke, 'stroke-width': mark === 'reference' ? 1.2 : 1.8, 'stroke-dasharray': dash,
-      fill: mark === 'area' ? stroke : 'none', 'fill-opacity': 0.12 })];
+    const line = drawn('path', { d, stroke, 'stroke-width': mark === 'reference' ? 1.2 : 1.8, 'stroke-dasharray': dash,
+      fill: mark === 'area' ? stroke : 'none', 'fill-opacity': 0.12 });
+    return mark === 'area' ? [line] : [line, ...this.points(this.alone(series))];
+  }
+
+  /// Points of a line that has no neighbour on either side, which no stroke of it would show.
+  alone({ x, y, shade, stroke }) {
+    const there = (k) => (x[k] ?? null) !== null && (y[k] ?? null) !== null;
+    const of = (values) => values.filter((_, k) => there(k) && !there(k - 1) && !there(k + 1));
+    return { mark: 'points', x: of(x), y: of(y), error: [], shade: shade.slice(0, 1), stroke, shape: 'dot' };
   }
 
   line({ x, y }) {
@@ -450,14 +458,18 @@ class Chart {
   }
 }
 
-/// What a cell says as a number: "-1.30·10⁻⁴", "12.5 %", "1 h 23 min 05 s"; NaN where it says none.
+/// What a cell says as a number: "-1.30·10⁻⁴", "12.5 %", "1 h 23 min 05 s", of a date "2026-11-25 14:20 UTC" its
+/// seconds; NaN where it says none, such as a name "6620-104417".
 function number(text) {
-  const small = '⁰¹²³⁴⁵⁶⁷⁸⁹', plainOf = (c) => (small.includes(c) ? small.indexOf(c) : c === '⁻' ? '-' : c);
-  const lowered = [...text].map(plainOf);
-  const ascii = lowered.join('').trim(), time = /^(?:(\d+) h )?(\d+) min (\d+) s/.exec(ascii);
+  const small = '⁰¹²³⁴⁵⁶⁷⁸⁹', plainOf = (c) => (c === '⁻' ? '-' : small.indexOf(c));
+  const power = (all, times, digits) => `${times ? '' : '1'}e${[...digits].map(plainOf).join('')}`;
+  const ascii = text.trim().replace(/(·?)10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)/g, power);
+  const time = /^(?:(\d+) h )?(\d+) min (\d+) s/.exec(ascii);
   if (time) return 3600 * (time[1] ?? 0) + 60 * time[2] + Number(time[3]);
-  const found = /^(?:± ?|[<>] ?|less than )?([+-]?[\d.]+)(?:(?:·10|e)([+-]?\d+))?/.exec(ascii);
-  return found ? parseFloat(found[1]) * 10 ** (found[2] ?? 0) : NaN;
+  const date = /^(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d))?)?(?:Z| UTC)?$/.exec(ascii);
+  if (date) return Date.UTC(date[1], date[2] - 1, ...date.slice(3).map((part) => part ?? 0)) / 1000;
+  const found = /^(?:± ?|[<>] ?|less than )?([+-]?[\d.]+(?:e[+-]?\d+)?)(?![-\p{L}\d._])/u.exec(ascii);
+  return found ? parseFloat(found[1]) : NaN;
 }
 
 function sortable(table) {

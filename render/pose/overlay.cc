@@ -105,8 +105,12 @@ constexpr double text_size = 18;
 
 void draw_panel(Image& image, const std::string& title, std::span<const PanelRow> rows, double unit) {
   Canvas canvas(image);
-  const double size = text_size * unit, pad = 14 * unit, margin = 20 * unit, gap = 18 * unit, chip = 16 * unit;
-  const double line = 1.5 * size, name_max = std::max(0.25 * image.width, 4 * size);
+  constexpr double pads = 14, margins = 20, lines = 1.5 * text_size, heads = 1.75 * text_size;  // in units
+  const double inside_units =
+      (title.empty() ? 0 : heads) + lines * static_cast<double>(rows.size()) + 2 * pads - 0.4 * text_size;
+  unit = std::min(unit, image.height / (inside_units + 2 * margins));
+  const double size = text_size * unit, pad = pads * unit, margin = margins * unit, gap = 18 * unit, chip = 16 * unit;
+  const double line = lines * unit, name_max = std::max(0.25 * image.width, 4 * size);
   const bool chips = std::ranges::any_of(rows, &PanelRow::has_chip);
   const Text heading(canvas, title, 1.1 * size, true, image.width - 2 * margin - 2 * pad);
   struct Set {
@@ -126,10 +130,9 @@ void draw_panel(Image& image, const std::string& title, std::span<const PanelRow
   const double name_at = inside, first_at = name_at + widest[0] + (widest[1] > 0 ? gap + widest[1] : 0);
   const double second_at = first_at + (widest[2] > 0 ? gap + widest[2] : 0);
   inside = rows.empty() ? heading.width() : std::max<double>(second_at, heading.width());
-  const double head = title.empty() ? 0 : 1.75 * size;
+  const double head = title.empty() ? 0 : heads * unit;
   canvas.colour(theme::paper, 0.88);
-  canvas.card(margin, margin, inside + 2 * pad, head + line * static_cast<double>(rows.size()) + 2 * pad - 0.4 * size,
-              10 * unit);
+  canvas.card(margin, margin, inside + 2 * pad, inside_units * unit, 10 * unit);
   canvas.colour(theme::ink);
   heading.draw(canvas, margin + pad, margin + pad);
   for (std::size_t i = 0; i < rows.size(); ++i) {

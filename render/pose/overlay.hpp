@@ -16,7 +16,7 @@ struct PanelRow {
 };
 
 /// A panel at the top left: a title, then rows in columns. `unit` is the picture's measure: 1/960 of the height of a
-/// single picture; text is 18 units high.
+/// single picture; text is 18 units high, or as much less as lets all rows fit into the picture.
 void draw_panel(Image& image, const std::string& title, std::span<const PanelRow> rows, double unit);
 
 struct ColourBar {

@@ -7,7 +7,9 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/report/days_report.hpp>
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/median.hpp>
 #include <tribotwin/twin/robot/base_parameters.hpp>
 
@@ -43,7 +45,7 @@ class Writer {
     }
     base_table();
     page_.add_origin(options_.command);
-    page_.add(page_.add_details(page_.body(), "The campaign, as it was run"), "pre", without_folders(c_.resolved_yaml));
+    page_.add(page_.add_details(page_.body(), "The campaign, as it was run"), "pre", without_folders(data_.text));
     return page_.report({});
   }
 
@@ -163,7 +165,7 @@ class Writer {
                     100 * expected_to_be_seen, 100 * compared_share),
                 .tiles = tiles(),
                 .action = action(),
-                .identity = identity_of(options_, c_.model->get()->names)});
+                .identity = identity_of(options_, c_.model->get()->names, "", twin::engine_of(data_.text))});
     if (!c_.description.empty()) page_.add(page_.body(), "p", c_.description, "soft");
   }
 
@@ -409,7 +411,9 @@ Result<DaysData> load_days(const std::filesystem::path& directory) try {
   if (!is_repeatability(root)) return tl::unexpected(fmt::format("{}: is no campaign of working days", file.string()));
   auto campaign = load_campaign(file, root);
   if (!campaign) return tl::unexpected(campaign.error());
-  DaysData data{.directory = directory, .campaign = *std::move(campaign)};
+  auto text = twin::read_text(file, "a campaign");
+  if (!text) return tl::unexpected(text.error());
+  DaysData data{.directory = directory, .text = *std::move(text), .campaign = *std::move(campaign)};
   auto results = read_results(data.campaign, directory);
   if (!results) return tl::unexpected(results.error());
   data.results = *std::move(results);

@@ -11,6 +11,7 @@ namespace tribotwin::render {
 /// A finished campaign of robots over working days.
 struct DaysData {
   std::filesystem::path directory;
+  std::string text;  ///< of its campaign.yaml, as it was run
   twin::repeatability::Campaign campaign;
   twin::repeatability::Results results;
 };

@@ -169,15 +169,18 @@ class Writer {
     if (anomalous() == 0)
       return d_.verdicts.size() == 1 ? std::string("The curve is that of a healthy joint.")
                                      : fmt::format("All {} curves are those of a healthy joint.", d_.verdicts.size());
+    const bool one = d_.verdicts.size() == 1;
     std::string now = ", but the latest is.";
     if (last.anomalous && last.cause)
-      now = fmt::format("; the latest looks like {}.", cause_text(last));
+      now = fmt::format("; {} looks like {}.", one ? "it" : "the latest", cause_text(last));
     else if (last.perhaps_healthy)
-      now = fmt::format("; of the latest chance is the likeliest cause (probability {}).",
+      now = fmt::format("; {} is the likeliest cause (probability {}).", one ? "chance" : "of the latest chance",
                         probability_text(last.confidence));
     else if (last.anomalous)
-      now = "; no known cause changes friction like the latest.";
-    return fmt::format("{} of {} curves are not those of a healthy joint{}", anomalous(), d_.verdicts.size(), now);
+      now = fmt::format("; no known cause changes friction like {}.", one ? "it" : "the latest");
+    if (one) return "The curve is not that of a healthy joint" + now;
+    return fmt::format("{} of {} curves {} of a healthy joint{}", anomalous(), d_.verdicts.size(),
+                       anomalous() == 1 ? "is not that" : "are not those", now);
   }
 
   Opening opening() const {

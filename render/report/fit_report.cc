@@ -16,7 +16,7 @@ namespace {
 using Outcome = Result<void>;
 using twin::identification::ParameterFile, twin::identification::Status;
 
-constexpr std::size_t curve_points = 300, tiles_max = 5;
+constexpr std::size_t curve_points = 300, tiles_min = 3, tiles_max = 5;
 
 std::string significant(double v, int digits = 3) {
   return v == 0 ? "0" : typeset(fmt::format("{:#.{}g}", v, std::clamp(digits, 1, 9)));
@@ -223,7 +223,6 @@ class Writer {
 
   std::vector<Tile> tiles() const {
     std::vector<Tile> all;
-    if (known_.empty()) return all;
     const char* unit = law_.normalised ? "of the maximum torque" : "Nm";
     if (const auto rms = other_residual())
       all.push_back({"residual of these data, RMS", significant(*rms), unit, worse_elsewhere() ? "warn" : "good"});
@@ -238,7 +237,27 @@ class Writer {
     if (const auto pairs = most_correlated(); !pairs.empty() && all.size() < tiles_max)
       all.push_back(
           {"strongest correlation", pair_name(pairs[0]), "correlation " + correlation(correlation_of(pairs[0]))});
+    if (all.size() < tiles_min) add_range(all);
     return all;
+  }
+
+  /// Where the law holds.
+  void add_range(std::vector<Tile>& all) const {
+    const auto& r = p_.law.range;
+    const char* of_law = "where the law holds";
+    all.push_back(
+        {law_.side == friction::Side::motor ? "motor speed" : "joint speed",
+         r.speed_max_rad_s < friction::unlimited ? fmt::format("up to {:.4g} rad/s", r.speed_max_rad_s) : "any",
+         of_law});
+    all.push_back(
+        {"load",
+         law_.load_dependent && r.load_max < friction::unlimited ? fmt::format("up to {:.3g}", r.load_max) : "any",
+         law_.load_dependent ? "of the maximum torque, where the law holds" : "without effect on friction"});
+    all.push_back({"temperature",
+                   law_.temperature_dependent && r.temperature_max_degC < friction::unlimited
+                       ? fmt::format("{:.3g} to {:.3g} °C", r.temperature_min_degC, r.temperature_max_degC)
+                       : "any",
+                   law_.temperature_dependent ? of_law : "without effect on friction"});
   }
 
   const char* status_of(const twin::identification::Estimate& e) const {

@@ -11,6 +11,7 @@
 #include <tribotwin/render/report/diagnosis_words.hpp>
 #include <tribotwin/render/report/feature_regions.hpp>
 #include <tribotwin/render/report/study_report.hpp>
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::render {
@@ -137,6 +138,13 @@ class Writer {
     return all;
   }
 
+  std::vector<Tile> learned_tiles() const {
+    std::size_t learned = 0;
+    for (const StudyJoint& joint : joints_) learned += joint.learned.size();
+    return {{"joints", fmt::format("{}", joints_.size()), twin::joined(names(joints_))},
+            {"learned", fmt::format("{}", learned), "unloaded curves of healthy joints"}};
+  }
+
   void head(const std::filesystem::path& directory) {
     auto to = page_.body();
     page_.add(to, "h1", title_);
@@ -160,7 +168,7 @@ class Writer {
         hits += v.faults.empty() ? v.anomalous : v.is_named();
       }
     }
-    std::vector<Tile> tiles;
+    std::vector<Tile> tiles = learned_tiles();
     std::vector<std::string> found;
     if (loaded) {
       found.push_back(fmt::format("{} of {} curves with a payload are noticed", flagged, loaded));
@@ -185,7 +193,9 @@ class Writer {
                 .rule = "red when fewer than 80 % of the faults are named, amber with a false alarm.",
                 .tiles = std::move(tiles),
                 .action = "compare figures and tables with those of Zhou 2024.",
-                .identity = identity_of(options_, "")});
+                .identity = identity_of(
+                    options_, "", "",
+                    twin::engine_of(twin::read_text(directory / "campaign.yaml", "a campaign").value_or("")))});
     for (const auto& said : sentences) page_.add(to, "p", said);
     page_.add(
         to, "p",
@@ -292,9 +302,8 @@ class Writer {
     if (joint.power.empty()) return {};
     std::vector<Counted> drawn;
     for (const auto& power : joint.power)
-      drawn.push_back({fmt::format("{}, {:.2g}{}", power.fault->name, 2 * power.detection_limit,
-                                   power.fault->unit == "1" ? "" : fmt::format(" {}", power.fault->unit)),
-                       power.named});
+      drawn.push_back(
+          {fmt::format("{}, {}", power.fault->name, severity_text(power, 2 * power.detection_limit)), power.named});
     page_.add(page_.body(), "p",
               "Curves drawn from law and scatter, each fault at twice its detection limit (the severity that is "
               "detected in 95 % of the curves): shares by verdict.");
@@ -306,12 +315,17 @@ class Writer {
               "soft");
     auto grid = page_.add(page_.body(), "div", {}, "figures");
     for (const auto& power : joint.power)
-      if (auto ok =
-              page_.show(grid, roc(joint, power), fmt::format("{}_roc_{}", joint.name, power.fault->name),
-                         fmt::format("{}; detection limit {:.2g}.", power.fault->footprint, power.detection_limit));
+      if (auto ok = page_.show(grid, roc(joint, power), fmt::format("{}_roc_{}", joint.name, power.fault->name),
+                               fmt::format("{}; detection limit {}.", power.fault->footprint,
+                                           severity_text(power, power.detection_limit)));
           !ok)
         return ok;
     return {};
+  }
+
+  /// With its unit where it has one: "0.04", "0.1 Nm".
+  static std::string severity_text(const twin::study::Power& power, double severity) {
+    return fmt::format("{:.2g}{}", severity, power.fault->unit == "1" ? "" : fmt::format(" {}", power.fault->unit));
   }
 
   static Figure roc(const StudyJoint& joint, const twin::study::Power& power) {

@@ -91,6 +91,13 @@ std::string correlation(double r) {
   return (r < 0 && digits != "0.00" ? "-" : "") + digits;
 }
 
+std::string digits(double value, int count) {
+  const double size = std::abs(value);
+  std::string shortest = fmt::format("{:.{}g}", value, count);
+  if (shortest.find('e') == std::string::npos || size < 1e-6 || size >= 1e7) return shortest;
+  return fmt::format("{:.{}f}", value, std::max(0, count - 1 - static_cast<int>(std::floor(std::log10(size)))));
+}
+
 std::string duration(double seconds) {
   if (!std::isfinite(seconds)) return "unknown";
   if (std::abs(seconds) < 60) return fmt::format("{:.2f} s", seconds);

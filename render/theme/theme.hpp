@@ -68,6 +68,10 @@ std::vector<double> ticks(double from, double to, int count);
 /// "-0.93", near 1 with enough digits to differ from 1: "0.9987"
 std::string correlation(double r);
 
+/// With so many digits (1 .. 17), as "{:.3g}" has them, but without a power of ten from 1e-6 to 1e7, where people need
+/// none: "1234", not "1.23e+03".
+std::string digits(double value, int count);
+
 /// "12.30 s", "1 h 23 min 05 s"
 std::string duration(double seconds);
 

@@ -125,6 +125,12 @@ def killed(wait):
             not wrong_rows(found, truth) and found["complete"] == 0,
             wrong_rows(found, truth),
         )
+        until = r.stdout.partition(" up to ")[2].partition(" s recovered")[0]
+        check(
+            f"{title}: it says until when",
+            until == f"{last(found):.6g}" or not len(found["time_s"]),
+            (r.stdout, last(found)),
+        )
         check(f"{title}: all but the last second", last(found) >= wait - 1.1, last(found))
         check(f"{title}: as many as it says", said_samples(r) == len(found["time_s"]), (r.stdout, len(found["time_s"])))
     again = read(folder + "/out/telemetry.h5")

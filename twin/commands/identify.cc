@@ -167,8 +167,10 @@ std::string table_of(const Estimates& fit, std::string_view law, std::string_vie
   return s + judgement_of(fit);
 }
 
+const char* unit_of_residuals(const friction::LawInfo& law) { return law.normalised ? "of torque_max" : "Nm"; }
+
 std::string table_of(const Fit& fit, double held_out) {
-  const char* unit = fit.law.info->normalised ? "of torque_max" : "Nm";
+  const char* unit = unit_of_residuals(*fit.law.info);
   std::string s = table_of(fit, fit.law.info->name, fit.law.info->equation, unit);
   if (held_out >= 0) s += fmt::format("held-out RMS error {:.4g} {}\n", held_out, unit);
   return s;
@@ -260,7 +262,8 @@ Result<Exit> identify_each(const Arguments& a, const friction::LawInfo& law, con
   Json all = Json::array();
   std::string s = fmt::format("{:>6} {:>8} {:>8}", "curve", "load", "degC");
   for (const auto& p : law.parameters) s += fmt::format(" {:>11} {:>9}", p.name, "sigma");
-  s += "  residual std\n";  // behind it, of curves whose directions differ, asymmetry and offset
+  s += fmt::format("  residual std [{}]\n",
+                   unit_of_residuals(law));  // behind it, of curves whose directions differ, asymmetry and offset
   std::size_t begin = 0;
   for (std::uint32_t curve = 0; curve < samples.curves(); ++curve) {
     std::vector<std::size_t> rows;
@@ -390,14 +393,16 @@ void remark_failures(std::vector<Candidate>& all) {
 }
 
 std::string comparison_of(const std::vector<Candidate>& candidates, bool cross_validated) {
-  std::string s = fmt::format("{:<24} {:>4} {:>12} {:>12} {:>10} {:>12} {:>14}\n", "law", "p", "residual std",
-                              "largest", "R^2", "AICc", cross_validated ? "held-out RMS" : "");
+  constexpr auto right = TextTable::right;
+  TextTable table{{TextTable::left("law"), right("p"), right("residual std"), right("largest"),
+                   right(cross_validated ? "held-out RMS" : ""), TextTable::left("unit"), right("R^2"), right("AICc"),
+                   TextTable::left()}};
   for (const Candidate& c : candidates)
-    s += fmt::format("{:<24} {:>4} {:>12.4g} {:>12.4g} {:>10} {:>12} {:>14}{}{}\n", c.fit.law.info->name,
-                     c.fit.estimated, c.fit.residual.std, c.fit.residual.max_abs, or_dash(c.fit.r_squared, ".5f"),
-                     or_dash(c.fit.aicc, ".1f"), c.errors ? fmt::format("{:.4g}", c.errors->rms) : "",
-                     c.remark.empty() ? "" : "  ", c.remark);
-  return s;
+    table.add({std::string(c.fit.law.info->name), fmt::format("{}", c.fit.estimated),
+               fmt::format("{:.4g}", c.fit.residual.std), fmt::format("{:.4g}", c.fit.residual.max_abs),
+               c.errors ? fmt::format("{:.4g}", c.errors->rms) : "", unit_of_residuals(*c.fit.law.info),
+               or_dash(c.fit.r_squared, ".5f"), or_dash(c.fit.aicc, ".1f"), c.remark});
+  return table.text();
 }
 
 Result<Exit> identify_curves(const Arguments& a) {

@@ -42,7 +42,7 @@ Result<Exit> recover_record(const std::string& directory, bool json) {
     print("{}/telemetry.h5 is a complete HDF5 file without damage; there was nothing to recover\n", directory);
     return done;
   }
-  print("{0}/telemetry.h5: {1} samples up to {2} s recovered; the original is kept as {0}/telemetry.h5.original\n",
+  print("{0}/telemetry.h5: {1} samples up to {2:.6g} s recovered; the original is kept as {0}/telemetry.h5.original\n",
         directory, result->samples, result->last_time_s);
   if (result->lost_samples > 0 || result->lost_cycles > 0)
     note("{} samples and {} work cycles are damaged (cut off, or with a wrong checksum) and left out",

@@ -107,13 +107,16 @@ Result<Exit> foretell(const Arguments& a, const sweep::Plan& plan) {
                         {"message", sample.made.message}}
                        .dump(2) +
                    "\n");
-  print("{} runs; run 0 took {} and {:.0f} MB and is {}{}{}; on {}{} thread{} the sweep takes about {}\n", plan.runs,
-        seconds(sample.one_s), sample.memory_MB, sample.made.status, sample.made.message.empty() ? "" : ": ",
-        sample.made.message, several > 1 ? fmt::format("{} ranks of ", several) : "", threads, threads == 1 ? "" : "s",
-        seconds(all_s));
+  print("{} run{}; run 0 took {} and {:.0f} MB and is {}{}{}; on {}{} thread{} the sweep takes about {}\n", plan.runs,
+        plan.runs == 1 ? "" : "s", seconds(sample.one_s), sample.memory_MB, sample.made.status,
+        sample.made.message.empty() ? "" : ": ", sample.made.message,
+        several > 1 ? fmt::format("{} ranks of ", several) : "", threads, threads == 1 ? "" : "s", seconds(all_s));
   if (plan.telemetry) print("telemetry of all runs: {:.3g} MB\n", sample.record_MB * static_cast<double>(plan.runs));
+  TextTable table{{TextTable::left("output"), TextTable::right("run 0")}};
   for (std::size_t o = 0; o < sample.made.outputs.size(); ++o)
-    print("{} = {}\n", plan.outputs[o].name, sample.made.outputs[o]);
+    table.add({plan.outputs[o].name,
+               std::isfinite(sample.made.outputs[o]) ? fmt::format("{:.5g}", sample.made.outputs[o]) : "-"});
+  if (!sample.made.outputs.empty()) print_text(table.text());
   if (auto ok = worked(sample); !ok) return tl::unexpected(ok.error());
   return done;
 }

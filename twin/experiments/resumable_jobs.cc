@@ -97,6 +97,11 @@ std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign
   return fmt::format("# MuJoCo {}, model {:016x}\n{}", mj_versionString(), fingerprint(model), to_text(campaign));
 }
 
+std::string engine_of(const std::string& campaign_yaml) {
+  const auto begin = campaign_yaml.substr(0, campaign_yaml.find_first_of(",\n"));
+  return begin.starts_with("# MuJoCo ") ? begin.substr(2) : "";
+}
+
 Result<Completed> complete(const std::string& resolved_yaml, const ResumableJobs& parts, const LabOptions& options) {
   const auto lock = std::make_shared<FolderLock>();
   std::optional<PartStore> store;  // of rank 0

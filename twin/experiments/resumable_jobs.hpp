@@ -51,6 +51,8 @@ struct Completed {
 
 /// A campaign for `complete`: engine and model in the first line, as the results depend on both.
 std::string resolved_yaml(const mujoco::Model& model, const YAML::Node& campaign);
+/// The engine that the first line of a campaign.yaml names: "MuJoCo 2.2.2"; empty where it names none.
+std::string engine_of(const std::string& campaign_yaml);
 
 /// Makes the parts that the directory lacks, on all threads and ranks (numerics/executor); collective. The directory
 /// contains campaign.yaml with `resolved_yaml`, which identifies the campaign, and `checksums`: a part without its

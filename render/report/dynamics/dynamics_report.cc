@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -136,7 +137,7 @@ class Writer {
                        fmt::format("of the torques of {}", j->name), j->band_fails ? "warn" : "good"});
     if (const auto* j = worst(&JointPrediction::outside))
       tiles.push_back(
-          {"outside the training", j->outside == 0 ? "0 %" : percent(j->outside),
+          {"outside the training", percent(j->outside),
            j->outside == 0 ? "of the samples" : fmt::format("of the samples of {}, by {}", j->name, j->outside_of),
            j->outside > seldom ? "warn" : "good"});
     tiles.push_back({"recordings", fmt::format("{}", data_.recordings.size()), without_folder(data_.model)});
@@ -187,11 +188,31 @@ class Writer {
         "soft");
   }
 
-  /// A stretch from the middle of the record in which time goes on.
+  /// From one sample to before another.
+  struct Stretch {
+    std::size_t first, last;
+  };
+  /// Around the middle of the samples with a prediction, as far as time goes on; nothing where none has one.
+  static std::optional<Stretch> excerpt(const JointPrediction& j) {
+    std::vector<std::size_t> known;
+    for (std::size_t i = 0; i < j.predicted.size(); ++i)
+      if (std::isfinite(j.predicted[i])) known.push_back(i);
+    if (known.empty()) return std::nullopt;
+    const std::size_t n = j.time_s.size(), count = std::min(n, excerpt_samples), middle = known[known.size() / 2];
+    const std::size_t begin = std::min(middle - std::min(middle, count / 2), n - count);
+    Stretch s{.first = middle, .last = middle + 1};
+    while (s.first > begin && j.time_s[s.first] > j.time_s[s.first - 1]) --s.first;
+    while (s.last < begin + count && j.time_s[s.last] > j.time_s[s.last - 1]) ++s.last;
+    return s;
+  }
+
   Outcome torques(pugi::xml_node to, const JointPrediction& j) {
-    const std::size_t n = j.time_s.size(), count = std::min(n, excerpt_samples), first = (n - count) / 2;
-    std::size_t last = first + 1;
-    while (last < first + count && j.time_s[last] > j.time_s[last - 1]) ++last;
+    const auto shown = excerpt(j);
+    if (!shown) {
+      page_.add(to, "p", fmt::format("No torques of {} are drawn: no sample of the table has a prediction.", j.name));
+      return {};
+    }
+    const auto [first, last] = *shown;
     const auto cut = [&](const std::vector<double>& v) {
       return std::vector<double>(v.begin() + static_cast<std::ptrdiff_t>(first),
                                  v.begin() + static_cast<std::ptrdiff_t>(last));

@@ -51,14 +51,22 @@ std::string level_text(const HealthyLevel& level) {
                       : "the healthy curves of the other robots, as this one has fewer than 3";
 }
 
-std::string plant_caption(const FleetData& data, std::size_t shown, std::size_t all, bool grey) {
+struct Shown {
+  std::size_t count, all;
+};
+
+std::string plant_caption(const FleetData& data, Shown robots, Shown joints, bool grey) {
   std::string caption =
       fmt::format("Mean over the {:g} days against the joint's healthy curves at the same temperature. Framed: listed.",
                   data.options.survey.days);
   if (grey) caption += " Grey: no curve in these days, or no healthy state.";
-  if (all > shown)
-    caption += fmt::format(
-        " {} of {} robots: those with listed joints first, then those whose friction has changed most.", shown, all);
+  if (robots.all > robots.count)
+    caption +=
+        fmt::format(" {} of {} robots: those with listed joints first, then those whose friction has changed most.",
+                    robots.count, robots.all);
+  if (joints.all > joints.count)
+    caption += fmt::format(" {} of {} joints, {} left out: those that are listed on a robot first.", joints.count,
+                           joints.all, joints.all - joints.count);
   return caption;
 }
 
@@ -141,6 +149,16 @@ const Listed* listed_as(const FleetData& data, std::int64_t joint) {
   const auto l = std::ranges::find(data.listed, joint, [](const auto& e) { return e.listed.joint.id; });
   return l == data.listed.end() ? nullptr : &l->listed;
 }
+
+/// Of more joints than have room, those that are listed on a robot and the first of the others.
+void leave_out(std::vector<std::string>& joints, const FleetData& data) {
+  if (joints.size() <= columns_of_the_plant) return;
+  const auto others = std::ranges::stable_partition(joints, [&](const std::string& joint) {
+    return std::ranges::any_of(data.listed, [&](const auto& l) { return l.listed.joint.joint == joint; });
+  });
+  const auto listed = static_cast<std::size_t>(others.begin() - joints.begin());
+  joints.resize(std::max(listed, columns_of_the_plant));
+}
 }  // namespace
 
 std::optional<Drawing> plant_map(const FleetData& data) {
@@ -168,7 +186,8 @@ std::optional<Drawing> plant_map(const FleetData& data) {
   });
   const std::size_t all = order.size();
   if (order.size() > rows_of_the_plant) order.resize(rows_of_the_plant);
-  if (columns.size() > 12) columns.resize(12);
+  const std::size_t all_columns = columns.size();
+  leave_out(columns, data);
   HeatMap map{.columns = columns, .rows = {}, .values = {}, .decimals = 1, .signed_values = true};
   double largest = 0;
   bool any = false, all_there = true;
@@ -196,7 +215,7 @@ std::optional<Drawing> plant_map(const FleetData& data) {
            .y = {.quantity = "robot", .unit = ""},
            .colour = Axis{.quantity = "change of Fc", .unit = "%", .from = -limit, .to = limit}};
   f.heat_map = std::move(map);
-  return Drawing{std::move(f), plant_caption(data, order.size(), all, !all_there)};
+  return Drawing{std::move(f), plant_caption(data, {order.size(), all}, {columns.size(), all_columns}, !all_there)};
 }
 
 }  // namespace tribotwin::render

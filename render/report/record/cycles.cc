@@ -66,8 +66,7 @@ Trace friction_rms(std::string label, const RunData& run, const JointHistory& jo
   if (cycles.empty() && has_cycles(run)) return {std::move(label), {}, {}};
   if (cycles.empty()) {
     const double window_s = window_of(run);
-    return window_s > 0 ? rms_trace(std::move(label), run.record.time_s, joint.friction_nm, window_s)
-                        : envelope(std::move(label), run.record.time_s, joint.friction_nm);
+    return rms_trace(std::move(label), run.record.time_s, joint.friction_nm, window_s > 0 ? window_s : 1);
   }
   std::vector<double> time, values;
   for (const CompleteCycle& c : cycles)
@@ -79,8 +78,9 @@ Trace friction_rms(std::string label, const RunData& run, const JointHistory& jo
 }
 
 std::string friction_rms_caption(const RunData& run) {
-  return has_cycles(run) ? "root mean square over each complete work cycle that was computed"
-                         : fmt::format("root mean square over {}", duration(window_of(run)));
+  if (has_cycles(run)) return "root mean square over each complete work cycle that was computed";
+  if (!(window_of(run) > 0)) return "magnitude of the only sample";
+  return fmt::format("root mean square over {}", duration(window_of(run)));
 }
 
 }  // namespace tribotwin::render

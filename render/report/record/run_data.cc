@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/render/report/record/cycles.hpp>
 #include <tribotwin/render/report/record/run_data.hpp>
 #include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/file.hpp>
@@ -25,9 +26,13 @@ std::optional<std::string> text_of(const fs::path& file) {
   return text ? std::optional(std::move(*text)) : std::nullopt;
 }
 
-/// Of friction, over the samples; NaN without any.
-double mean_power_w(const JointHistory& j) {
+/// Of friction; NaN where it is not known.
+double mean_power_w(const RunData& run, const JointHistory& j) {
   double sum = 0, count = 0;
+  for (const double power :
+       has_cycles(run) ? run.record.channel(j.name, "cycle_friction_power_W") : std::span<const double>())
+    if (std::isfinite(power)) sum += power, ++count;
+  if (count > 0) return sum / count;
   for (std::size_t i = 0; i < std::min(j.friction_nm.size(), j.velocity_rad_s.size()); ++i) {
     const double power = std::abs(j.friction_nm[i] * j.velocity_rad_s[i]);
     if (std::isfinite(power)) sum += power, ++count;
@@ -66,7 +71,7 @@ void add_joints(RunData& run) {
     for (const double v : joint.velocity_rad_s)
       if (std::isfinite(v)) joint.speed_max_rad_s = std::max(joint.speed_max_rad_s, std::abs(v));
     joint.moved = joint.speed_max_rad_s > 1e-3;
-    joint.friction_power_w = mean_power_w(joint);
+    joint.friction_power_w = mean_power_w(run, joint);
     run.joints.push_back(std::move(joint));
   }
 }

@@ -24,10 +24,12 @@ struct JointHistory {
   std::span<const double> winding_degC;  ///< empty or NaN without a winding
   /// Of a drive behind a transmission; else empty or NaN. Torsion, arm and set point are angles behind the gear.
   std::span<const double> torsion_rad, transmission_torque_nm, arm_position_rad, arm_set_point_rad;
-  double speed_max_rad_s = 0;   ///< m/s of a slide
-  double friction_power_w = 0;  ///< mean of the samples; NaN without any
-  bool slide = false;           ///< angles are lengths [m], torques forces [N]
-  bool moved = false;           ///< faster than a creep: 1e-3 rad/s at the joint
+  double speed_max_rad_s = 0;  ///< m/s of a slide
+  /// Mean over the work cycles where the record has them, of which a multi-rate run has all, else over the samples; NaN
+  /// without any.
+  double friction_power_w = 0;
+  bool slide = false;  ///< angles are lengths [m], torques forces [N]
+  bool moved = false;  ///< faster than a creep: 1e-3 rad/s at the joint
 };
 
 /// The folder, without those above it where it was named absolutely.

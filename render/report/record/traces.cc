@@ -29,16 +29,21 @@ Trace envelope(std::string label, std::span<const double> time, std::span<const 
 Trace rms_trace(std::string label, std::span<const double> time, std::span<const double> values, double window_s) {
   Trace t{std::move(label), {}, {}};
   const std::size_t n = std::min(time.size(), values.size());
+  if (n == 0) return t;
+  const double span_s = time[n - 1] - time[0], windows = std::max(1.0, std::round(span_s / window_s)),
+               length_s = span_s / windows;
+  const auto window_at = [&](double at_s) {
+    return length_s > 0 ? std::min(std::floor((at_s - time[0]) / length_s), windows - 1) : 0;
+  };
   for (std::size_t i = 0; i < n;) {
-    const double begin = time[i];
+    const double window = window_at(time[i]);
     double squares = 0;
-    std::size_t count = 0, all = 0;
-    for (; i < n && time[i] < begin + window_s; ++i, ++all)
+    std::size_t count = 0;
+    for (; i < n && window_at(time[i]) == window; ++i)
       if (std::isfinite(values[i])) squares += values[i] * values[i], ++count;
-    t.time_s.push_back(begin + window_s / 2);
+    t.time_s.push_back(time[0] + (window + 0.5) * length_s);
     t.values.push_back(count ? std::sqrt(squares / static_cast<double>(count))
                              : std::numeric_limits<double>::quiet_NaN());
-    if (all == 0) break;
   }
   return t;
 }

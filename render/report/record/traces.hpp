@@ -13,7 +13,9 @@ namespace tribotwin::render {
 /// lost. Few samples stay as they are.
 Trace envelope(std::string label, std::span<const double> time_s, std::span<const double> values);
 
-/// Root mean square in windows of equal time, without the NaN.
+/// Root mean square of the values that are no NaN, in windows of equal length that together cover the samples: as many
+/// as come nearest to `window_s` > 0 [s], at least one. A point in the middle of each window with samples; NaN where
+/// all its values are. `time_s` ascends.
 Trace rms_trace(std::string label, std::span<const double> time_s, std::span<const double> values, double window_s);
 
 bool any_finite(const Trace& trace);

@@ -1,9 +1,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 #include <iterator>
 #include <limits>
+#include <span>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -20,12 +24,6 @@ namespace tribotwin::render {
 namespace {
 
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
-
-std::string unit_of_all(const Runs& runs) {
-  std::vector<JointHistory> all;
-  for (const auto& run : runs.all) all.insert(all.end(), run->joints.begin(), run->joints.end());
-  return force_unit(all, [](const JointHistory&) { return true; });
-}
 
 /// A column of every run: in several tables where those of one would not fit on paper.
 void add_table(IllustratedPage& page, const std::vector<std::string>& head,
@@ -124,6 +122,13 @@ std::string watched_joint(const Runs& runs) {
   return hot ? hot->name : "";
 }
 
+/// Of its friction.
+std::string unit_of_watched(const Runs& runs) {
+  std::vector<JointHistory> all;
+  for (const auto& run : runs.all) all.insert(all.end(), run->joints.begin(), run->joints.end());
+  return force_unit(all, [name = watched_joint(runs)](const JointHistory& j) { return j.name == name; });
+}
+
 /// A curve of the watched joint in each run that `trace` has values for.
 std::vector<Trace> of_runs(const Runs& runs, auto trace) {
   const std::string name = watched_joint(runs);
@@ -175,7 +180,7 @@ std::vector<Trace> frictions(const Runs& runs) {
 
 Axis friction_axis(const Runs& runs) {
   if (compares_power(runs)) return {.quantity = "friction power", .symbol = "{/:Italic P}", .unit = "W"};
-  return {.quantity = "friction, RMS", .symbol = "{/:Italic τ}_f", .unit = unit_of_all(runs)};
+  return {.quantity = "friction, RMS", .symbol = "{/:Italic τ}_f", .unit = unit_of_watched(runs)};
 }
 
 std::string friction_caption(const Runs& runs) {
@@ -319,14 +324,23 @@ std::string Runs::title() const {
 }
 
 std::string Runs::label(const RunData& run) const {
-  const auto alike = [&](auto name_of) {
-    return std::ranges::count_if(all, [&](const auto& r) { return name_of(*r) == name_of(run); }) > 1;
+  if (std::ranges::count(all, run.name, [](const auto& r) { return r->name; }) < 2) return run.name;
+  const auto parts_of = [](const RunData& r) {
+    std::error_code error;
+    const auto path = (std::filesystem::absolute(r.directory, error) / "").lexically_normal().parent_path();
+    return std::vector<std::string>(path.begin(), path.end());
   };
-  const auto name = [](const RunData& r) { return r.name; };
-  const auto folder = [](const RunData& r) { return (r.directory / "").parent_path().filename().string(); };
-  if (!alike(name)) return run.name;
-  if (!alike(folder)) return folder(run);
-  return run.directory.lexically_normal().string();
+  const auto own = parts_of(run);
+  std::size_t needed = 1;
+  for (const auto& r : all) {
+    const auto other = parts_of(*r);
+    if (other == own) continue;
+    const auto differs = std::mismatch(own.rbegin(), own.rend(), other.rbegin(), other.rend()).first;
+    needed = std::max(needed, static_cast<std::size_t>(differs - own.rbegin()) + 1);
+  }
+  std::filesystem::path label;
+  for (const auto& part : std::span(own).last(std::min(needed, own.size()))) label /= part;
+  return label.string();
 }
 
 Result<void> add_comparison(IllustratedPage& page, const Runs& runs) {

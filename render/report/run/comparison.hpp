@@ -19,7 +19,7 @@ struct Runs {
 
   /// The scenario where all have one, and how many there are; the name of a single one.
   std::string title() const;
-  /// What names it among the others: its name, its folder, or its whole path.
+  /// What names it among the others: its name, or the shortest end of its folder's path that no other has.
   std::string label(const RunData& run) const;
 };
 

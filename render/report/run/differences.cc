@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
 #include <set>
@@ -10,6 +11,7 @@
 #include <tribotwin/render/page/page.hpp>
 #include <tribotwin/render/report/run/differences.hpp>
 #include <tribotwin/render/report/run/run_summary.hpp>
+#include <tribotwin/render/theme/theme.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -68,9 +70,14 @@ Keys keys_of(const RunData& run) {
   return keys;
 }
 
-double friction_power_w(const RunData& run, const std::string& joint) {
+/// nullptr where the record has no such joint.
+const JointHistory* history_of(const RunData& run, const std::string& joint) {
   const auto j = std::ranges::find(run.joints, joint, &JointHistory::name);
-  return j == run.joints.end() ? std::numeric_limits<double>::quiet_NaN() : j->friction_power_w;
+  return j == run.joints.end() ? nullptr : &*j;
+}
+
+double friction_power_w(const JointHistory* joint) {
+  return joint ? joint->friction_power_w : std::numeric_limits<double>::quiet_NaN();
 }
 
 }  // namespace
@@ -101,24 +108,49 @@ std::vector<FrictionChange> friction_changes(std::span<const std::unique_ptr<Run
     const auto others = joint_summaries(*runs[r]);
     for (const JointSummary& joint : first) {
       const auto other = std::ranges::find(others, joint.name, &JointSummary::name);
-      const auto history = std::ranges::find(runs[r]->joints, joint.name, &JointHistory::name);
-      if (other == others.end() || (history != runs[r]->joints.end() && !history->moved)) continue;
+      const JointHistory *before = history_of(*runs.front(), joint.name), *after = history_of(*runs[r], joint.name);
+      if (other == others.end() || (before && !before->moved) || (after && !after->moved)) continue;
       if (!(joint.friction_rms_nm > 0) || !std::isfinite(other->friction_rms_nm)) continue;
-      const bool slide = history != runs[r]->joints.end() && history->slide;
+      const bool slide = after && after->slide;
       changes.push_back({joint.name, r, joint.friction_rms_nm, other->friction_rms_nm, slide ? "N" : "Nm",
-                         friction_power_w(*runs[r], joint.name) - friction_power_w(*runs.front(), joint.name)});
+                         friction_power_w(after) - friction_power_w(before)});
     }
   }
   return changes;
 }
 
+bool know_power(const std::vector<FrictionChange>& changes) {
+  return std::ranges::all_of(changes, [](const auto& c) { return std::isfinite(c.power_change_w); });
+}
+
+namespace {
+
+/// Those whose share is above `share`, the largest change of power first.
+std::vector<const FrictionChange*> ranked(double share, const std::vector<FrictionChange>& changes) {
+  std::vector<const FrictionChange*> all;
+  for (const FrictionChange& c : changes)
+    if (std::abs(c.share()) > share) all.push_back(&c);
+  std::ranges::stable_sort(all, std::greater{}, [power = know_power(changes)](const FrictionChange* c) {
+    return std::abs(power ? c->power_change_w : c->other - c->first);
+  });
+  return all;
+}
+
+}  // namespace
+
 const FrictionChange* largest(const std::vector<FrictionChange>& changes) {
-  const bool power = std::ranges::all_of(changes, [](const auto& c) { return std::isfinite(c.power_change_w); });
-  const auto magnitude = [power](const FrictionChange& c) {
-    return std::abs(power ? c.power_change_w : c.other - c.first);
-  };
-  const auto at = std::ranges::max_element(changes, {}, magnitude);
-  return at == changes.end() ? nullptr : &*at;
+  auto all = ranked(resolved_share, changes);
+  if (all.empty()) all = ranked(-1, changes);
+  return all.empty() ? nullptr : all.front();
+}
+
+std::vector<const FrictionChange*> others_beyond(double share, const std::vector<FrictionChange>& changes,
+                                                 const FrictionChange& most) {
+  std::vector<const FrictionChange*> others;
+  for (const FrictionChange* c : ranked(share, changes))
+    if (c->joint != most.joint && std::ranges::find(others, c->joint, &FrictionChange::joint) == others.end())
+      others.push_back(c);
+  return others;
 }
 
 std::string change_text(double from, double to, const std::string& unit) {
@@ -126,8 +158,8 @@ std::string change_text(double from, double to, const std::string& unit) {
   if (!(std::abs(change) > 1e-6 * size)) return "none";
   const bool no_ratio = unit == "°C" || from == 0;  // no ratio of temperatures has a meaning
   const std::string suffix = unit.empty() ? "" : unit == "°C" ? " K" : " " + unit;
-  const std::string digits = std::abs(change) < 1000 ? fmt::format("{:+.3g}", change) : fmt::format("{:+.0f}", change);
-  return fmt::format("{}{}{}", digits, suffix, no_ratio ? "" : fmt::format(", {:+.1f} %", 100 * (to / from - 1)));
+  const std::string number = (change > 0 ? "+" : "") + digits(change, 3);
+  return fmt::format("{}{}{}", number, suffix, no_ratio ? "" : fmt::format(", {:+.1f} %", 100 * (to / from - 1)));
 }
 
 }  // namespace tribotwin::render

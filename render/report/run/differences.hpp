@@ -25,14 +25,22 @@ struct FrictionChange {
   std::size_t run;  ///< the other one
   double first, other;
   std::string unit;
-  double power_change_w;  ///< of the mean friction power; NaN where a run has no samples
+  double power_change_w;  ///< of the mean friction power (JointHistory::friction_power_w); NaN where a run has none
   double share() const { return other / first - 1; }
 };
 /// Of each joint that moved in both, run by run.
 std::vector<FrictionChange> friction_changes(std::span<const std::unique_ptr<RunData>> runs);
-/// The one that changes friction power most: a joint that hardly moves may have many times the friction and cost
-/// nothing. By friction where power is not known; nullptr where there is none.
+/// Of those whose share is above resolved_share, or of all where none is, the one that changes friction power most: a
+/// joint that hardly moves may have many times the friction and cost nothing. By friction where the power of any is not
+/// known; nullptr where there is none.
 const FrictionChange* largest(const std::vector<FrictionChange>& changes);
+/// Of each joint but that of `most`, the change largest() prefers of those whose share is above `share`; in the same
+/// order, the largest first.
+std::vector<const FrictionChange*> others_beyond(double share, const std::vector<FrictionChange>& changes,
+                                                 const FrictionChange& most);
+
+/// Whether the power of all is known.
+bool know_power(const std::vector<FrictionChange>& changes);
 
 /// What the multi-rate simulation may leave of a difference; a difference within it is none. Measured against the full
 /// run, root mean squares over 25 min: 2e-6 of the joint that works, 0.55 % of one that hardly moves, because its first

@@ -85,9 +85,14 @@ std::string joints_outside_law(const RunData& run) {
   return all;
 }
 
+bool has_checks(const RunData& run) { return !findings_of(run).empty(); }
+
 std::string as_asked_text(const RunData& run) {
   const auto findings = findings_of(run);
-  if (findings.empty()) return "nothing is known of the run's health without a summary.";
+  if (findings.empty())
+    return run.summary.is_null() ? "nothing is known of the run's health without a summary."
+                                 : "nothing is known of the run's health: its summary has no checks, as of an early "
+                                   "version.";
   const auto checks = worst_of(findings);
   const auto warn = std::ranges::count(checks, Verdict::warning, &Finding::verdict);
   return warn ? fmt::format("The run is not what its scenario asked for: {} of {} checks warn{}.", warn, checks.size(),

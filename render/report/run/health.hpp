@@ -18,7 +18,9 @@ struct Warning {
 std::vector<Warning> warnings(const RunData& run);
 /// "joint2, joint3": those that moved and left the range of their law; empty where none did.
 std::string joints_outside_law(const RunData& run);
-/// "The run is what its scenario asked for: none of 14 checks warns.", or how many do.
+/// Whether its summary has checks; those of early versions have none.
+bool has_checks(const RunData& run);
+/// "The run is what its scenario asked for: none of 14 checks warns.", or how many do, or why nothing is known.
 std::string as_asked_text(const RunData& run);
 /// What the checks warn of and what follows, for the head of the page.
 void add_warnings(pugi::xml_node to, const RunData& run);

@@ -1,8 +1,10 @@
 #include <algorithm>
 #include <cmath>
+#include <ranges>
 
 #include <fmt/format.h>
 
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/report/record/cycles.hpp>
 #include <tribotwin/render/report/run/differences.hpp>
 #include <tribotwin/render/report/run/health.hpp>
@@ -24,13 +26,13 @@ std::pair<const char*, double> energy_unit(double joule) {
 
 std::string energy(double joule) {
   const auto [unit, size] = energy_unit(joule);
-  return shown(joule / size, fmt::format("{{:.3g}} {}", unit).c_str());
+  return std::isfinite(joule) ? digits(joule / size, 3) + " " + unit : "–";
 }
 
 /// A motor that is off, or carries nothing, does no work that friction could have a share of.
 std::string of_motor_work(double joule, double motor_joule) {
   if (std::abs(motor_joule) <= 1e-9 * std::abs(joule)) return "without work of the motors";
-  return fmt::format("{:.3g} % of {} motor work", 100 * joule / motor_joule, energy(motor_joule));
+  return fmt::format("{} % of {} motor work", digits(100 * joule / motor_joule, 3), energy(motor_joule));
 }
 
 struct Change {
@@ -66,9 +68,11 @@ std::string sentence(const RunData& run, const std::vector<JointSummary>& joints
   if (!friction) return warms + ".";
   const double share = friction->to / friction->from - 1;
   if (std::abs(share) < same_share)
-    return fmt::format("{}, and its {} stays at {:.3g} {}.", warms, friction->what, friction->to, friction->unit);
-  return fmt::format("{}, and its {} {} from {:.3g} to {:.3g} {} ({:+.0f} %).", warms, friction->what,
-                     share < 0 ? "falls" : "rises", friction->from, friction->to, friction->unit, 100 * share);
+    return fmt::format("{}, and its {} stays at {} {}.", warms, friction->what, digits(friction->to, 3),
+                       friction->unit);
+  return fmt::format("{}, and its {} {} from {} to {} {} ({:+.0f} %).", warms, friction->what,
+                     share < 0 ? "falls" : "rises", digits(friction->from, 3), digits(friction->to, 3), friction->unit,
+                     100 * share);
 }
 
 void add_load(std::vector<Tile>& tiles, const std::vector<JointSummary>& joints) {
@@ -90,7 +94,7 @@ std::vector<Tile> tiles_of(const RunData& run, const std::vector<JointSummary>& 
   const JointSummary* hot = most_warmed(run, joints);
   if (const auto friction = hot ? friction_change(run, hot->name) : std::nullopt)
     tiles.push_back({fmt::format("{}, {}", friction->what, hot->name),
-                     fmt::format("{:.3g} → {:.3g} {}", friction->from, friction->to, friction->unit),
+                     fmt::format("{} → {} {}", digits(friction->from, 3), digits(friction->to, 3), friction->unit),
                      change_text(friction->from, friction->to, friction->unit)});
   if (!hot) hot = warmest(joints);
   if (hot)
@@ -117,7 +121,7 @@ std::vector<std::string> identity_of_run(const RunData& run, const ReportOptions
     version = text(run.summary["engine"], "version");
   const std::string robot = options.robot.empty() ? run.robot() : options.robot,
                     serial = options.serial_number.empty() ? run.serial_number() : options.serial_number;
-  return {robot, serial.empty() ? "" : "serial number " + serial, run.date(), options.software,
+  return {robot, serial_number_in_words(serial), run.date(), options.software,
           version.empty() ? "" : "simulated by MuJoCo " + version};
 }
 
@@ -156,6 +160,9 @@ Opening opening_of(const RunData& run, const ReportOptions& options) {
     o.light = Light::amber;
     o.rule = "a page is amber when something is missing.";
     o.action = "read what is missing below.";
+  } else if (!has_checks(run)) {
+    o.light = Light::amber;
+    o.action = "run the scenario again with this version, which checks the run, before its figures are used.";
   } else if (const auto outside = joints_outside_law(run); !outside.empty()) {
     o.light = Light::amber;
     o.rule += fmt::format(" Amber, because {} left the range in which the law was measured.", outside);
@@ -186,7 +193,7 @@ std::vector<Tile> tiles_of(const Runs& runs, const FrictionChange* most) {
   if (!most) return tiles;
   const RunData &first = *runs.all.front(), &other = *runs.all[most->run];
   tiles.push_back({fmt::format("friction of {}, RMS", most->joint),
-                   fmt::format("{:.4g} → {:.4g} {}", most->first, most->other, most->unit),
+                   fmt::format("{} → {} {}", digits(most->first, 4), digits(most->other, 4), most->unit),
                    change_text(most->first, most->other, most->unit)});
   const auto temperature = [&](const RunData& run) {
     for (const auto& j : joint_summaries(run))
@@ -218,15 +225,27 @@ std::string changed_work(const Runs& runs) {
                      where);
 }
 
-std::string sentence(const Runs& runs, const FrictionChange* most) {
+/// "; joint3 +20.0 %, joint4 -7.1 % at less power"; nothing where no other joint differs so much.
+std::string other_joints(const Runs& runs, const std::vector<FrictionChange>& changes, const FrictionChange& most) {
+  constexpr std::size_t shown_max = 3;
+  const auto others = others_beyond(watched_share, changes, most);
+  std::string all;
+  for (const FrictionChange* c : others | std::views::take(shown_max))
+    all += fmt::format("{} {} {:+.1f} %{}", all.empty() ? ";" : ",", c->joint, 100 * c->share(),
+                       c->run == most.run ? "" : " in " + runs.label(*runs.all[c->run]));
+  if (others.size() > shown_max) all += fmt::format(" and {} more", others.size() - shown_max);
+  return all.empty() || !know_power(changes) ? all : all + " at less power";
+}
+
+std::string sentence(const Runs& runs, const std::vector<FrictionChange>& changes, const FrictionChange* most) {
   if (!most) return "No joint moves in both runs, so that their friction cannot be compared.";
   if (std::abs(most->share()) <= resolved_share)
     return fmt::format("No joint's friction (RMS) differs by more than {:g} % from that in {}{}.", 100 * resolved_share,
                        runs.label(*runs.all.front()), changed_work(runs));
-  return fmt::format("{} has {} friction in {} than in {}: {:.4g} → {:.4g} {} ({}).", most->joint,
+  return fmt::format("{} has {} friction in {} than in {}: {} → {} {} ({}){}.", most->joint,
                      most->share() > 0 ? "more" : "less", runs.label(*runs.all[most->run]),
-                     runs.label(*runs.all.front()), most->first, most->other, most->unit,
-                     change_text(most->first, most->other, most->unit));
+                     runs.label(*runs.all.front()), digits(most->first, 4), digits(most->other, 4), most->unit,
+                     change_text(most->first, most->other, most->unit), other_joints(runs, changes, *most));
 }
 
 }  // namespace
@@ -236,7 +255,7 @@ Opening opening_of(const Runs& runs, const ReportOptions& options) {
   const FrictionChange* most = largest(changes);
   const auto keys = differing_keys(runs.all);
   Opening o{
-      .verdict = sentence(runs, most),
+      .verdict = sentence(runs, changes, most),
       .light = Light::green,
       .rule = fmt::format("green up to {:g} % of a joint's friction (root mean square over the run), amber beyond; "
                           "red when a run is not what its scenario asked for.",
@@ -245,7 +264,8 @@ Opening opening_of(const Runs& runs, const ReportOptions& options) {
       .action = keys.empty() ? "look at models and engines: the scenarios are the same."
                              : fmt::format("see whether what was changed explains it: {}.", list_of(keys)),
       .identity = identity_of_run(*runs.all.front(), options)};
-  if (most && std::abs(most->share()) > watched_share) o.light = Light::amber;
+  if (std::ranges::any_of(changes, [](const auto& c) { return std::abs(c.share()) > watched_share; }))
+    o.light = Light::amber;
   for (const auto& run : runs.all)
     if (!run->damage.empty() || !warnings(*run).empty()) {
       o.light = Light::red;

@@ -42,7 +42,9 @@ bool has_shapes(const Json& geometry) {
 
 std::string caption_of(const Json& geometry, std::size_t moments, bool strobes) {
   std::string text =
-      fmt::format("{} moments from the beginning to the end, each with its own pose and temperatures.", moments);
+      moments == 1
+          ? "The only moment of the run, with its pose and temperatures."
+          : fmt::format("{} moments from the beginning to the end, each with its own pose and temperatures.", moments);
   if (strobes) text += " Each is in a later work cycle than the one before, and farther in it.";
   std::size_t simplified = 0;
   for (const Json& mesh : geometry["meshes"]) simplified += mesh["faces"].size() / 3 < mesh["faces_of_model"];

@@ -110,6 +110,7 @@ class Section {
   }
 
   static std::string sheet_caption(const std::vector<PoseState>& states) {
+    if (states.size() == 1) return fmt::format("The only pose of the run, at {}.", duration(*states.front().time_s));
     return fmt::format("{} poses over the run, evenly in time from {} to {}.", states.size(),
                        duration(*states.front().time_s), duration(*states.back().time_s));
   }

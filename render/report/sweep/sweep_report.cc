@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/process/child.hpp>
 #include <tribotwin/render/report/sweep/sweep_figures.hpp>
 #include <tribotwin/render/report/sweep/sweep_report.hpp>
@@ -80,7 +81,9 @@ class Writer {
     const auto& s = view_.statistics(*first);
     const std::size_t values = s["count"].get<std::size_t>();
     const double low = number_in(s["min"]), high = number_in(s["max"]);
-    if (low == high) return text + fmt::format("In all {} {} is {}.", runs_text(values), q.name, q.with_unit(low));
+    if (low == high)
+      return text + fmt::format("In {} {} is {}.", values == 1 ? "the only run" : "all " + runs_text(values), q.name,
+                                q.with_unit(low));
     text +=
         fmt::format("The mean of {} is {} over {}, which lie between {} and {}", q.name, q.estimated(s["mean"]),
                     sweep_.indices ? fmt::format("the {} that are independent", runs_text(values)) : runs_text(values),
@@ -128,7 +131,7 @@ class Writer {
                           : warned           ? "read below which checks warn, before figures are used."
                           : !sweep_.finished ? "make the other runs; how stands below."
                                              : leading_action(),
-                .identity = {options_.robot, sweep_.date,
+                .identity = {options_.robot, serial_number_in_words(options_.serial_number), sweep_.date,
                              fmt::format("{} of {}: {}", runs_text(made()),
                                          std::filesystem::path(sweep_.scenario).filename().string(), design_text()),
                              "tribotwin " + twin::program::version_number(), sweep_.engine}});

@@ -9,6 +9,7 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/report/thermal/thermal_report.hpp>
+#include <tribotwin/render/theme/theme.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -70,14 +71,7 @@ std::string duration(double seconds) {
 }
 
 /// What is far below any sensor's resolution is not spelt out.
-std::string kelvins(double K) { return fmt::format("{:.2g} K", std::max(K, 1e-3)); }
-
-/// With so many digits, and no power of ten where people need none.
-std::string digits(double v, int count) {
-  const double size = std::abs(v);
-  if (size < 1e-6 || size >= 1e7) return fmt::format("{:.{}g}", v, count);
-  return fmt::format("{:.{}f}", v, std::clamp(count - 1 - static_cast<int>(std::floor(std::log10(size))), 0, 9));
-}
+std::string kelvins(double K) { return digits(std::max(K, 1e-3), 2) + " K"; }
 
 /// Where the band of `predicted` is far wider than both curves, limits of the axis around these. Returns whether the
 /// band leaves them.

@@ -162,6 +162,23 @@ TEST(Figure, NanIsAGap) {
   EXPECT_NEAR(lines[1].front().x, 4, 0.02);
 }
 
+TEST(Figure, AValueWithoutNeighboursIsAPoint) {
+  const Drawing d = drawing({.title = "alone",
+                             .x = plain_x,
+                             .y = plain_y,
+                             .series = {{.label = "one", .x = {2.5}, .y = {3}},
+                                        {.label = "gaps", .x = {0, 1, 2, 3, 4, 5}, .y = {1, nan, 2, nan, 4, 5}},
+                                        {.label = "whole", .x = {0, 5}, .y = {1.5, 3.5}}}});
+  const Path one = d.points(4), gaps = d.points(5);
+  ASSERT_EQ(one.size(), 1U);
+  EXPECT_NEAR(one[0].x, 2.5, 0.02);
+  EXPECT_NEAR(one[0].y, 3, 0.02);
+  ASSERT_EQ(gaps.size(), 2U);
+  EXPECT_NEAR(gaps[0].x, 0, 0.02);
+  EXPECT_NEAR(gaps[1].x, 2, 0.02);
+  EXPECT_TRUE(d.points(6).empty());
+}
+
 TEST(Figure, NothingIsSilentlyEmpty) {
   EXPECT_NE(refusal({.title = "F", .x = plain_x, .y = plain_y}).find("figure 'F': has nothing to show"),
             std::string::npos);

@@ -279,6 +279,33 @@ TEST(Poses, ScaleIsRoundAndHoldsTheValues) {
   EXPECT_GE(share.to, 5);
 }
 
+TEST(Overlay, ThePanelOfManyJointsFitsIntoThePicture) {
+  const auto panel = [](std::size_t count, const std::string& last) {
+    Image image(1280, 960);
+    std::ranges::fill(image.rgb, std::uint8_t{128});
+    std::vector<PanelRow> rows;
+    for (std::size_t i = 1; i < count; ++i) rows.push_back({{}, true, fmt::format("joint{}", i), "25.0 °C", ""});
+    rows.push_back({{}, true, last, "25.0 °C", ""});
+    draw_panel(image, "1 h 23 min 05 s", rows, 1);
+    return image;
+  };
+  const auto lowest = [](const Image& image, auto colour) {
+    int y = image.height - 1;
+    for (; y >= 0; --y)
+      for (int x = 0; x < image.width; ++x)
+        if (colour(*image.at(x, y))) return y;
+    return y;
+  };
+  const Image full = panel(40, "last");
+  EXPECT_NE(full, panel(40, "other"));  // its name is seen
+  const int ink = lowest(full, [](int level) { return level < 80; });
+  const int card = lowest(full, [](int level) { return level > 200; });
+  EXPECT_GT(ink, 900);
+  EXPECT_LT(ink, card);
+  EXPECT_LT(card, 959);                                                             // and nothing of the panel is cut
+  EXPECT_LT(lowest(panel(6, "last"), [](int level) { return level > 200; }), 300);  // as large as ever
+}
+
 TEST(Poses, SamplesAreEvenlyInTime) {
   const std::vector<double> time = {0, 1, 2, 50, 51, 52, 99, 100};
   EXPECT_EQ(evenly_in_time(time, 3), (std::vector<std::size_t>{0, 3, 7}));
@@ -359,6 +386,13 @@ TEST(Theme, TextWithoutSurprises) {
   EXPECT_EQ(printable("\x1b[31m\xff"), "\uFFFD[31m\uFFFD");
   EXPECT_EQ(duration(4983), "1 h 23 min 03 s");
   EXPECT_EQ(duration(59.9), "59.90 s");
+  EXPECT_EQ(digits(1234.4, 3), "1234");  // no power of ten
+  EXPECT_EQ(digits(999.6, 3), "1000");
+  EXPECT_EQ(digits(-110, 2), "-110");
+  EXPECT_EQ(digits(25.04, 3), "25");
+  EXPECT_EQ(digits(0.000012345, 2), "0.000012");
+  EXPECT_EQ(digits(0, 3), "0");
+  EXPECT_EQ(digits(1.5e9, 2), "1.5e+09");
   EXPECT_FALSE(std::signbit(ticks(-2, 20, 5).front()));  // which would be written as "-0"
   EXPECT_EQ(ticks(0, 1, 5), (std::vector<double>{0, 0.2, 0.4, 0.6000000000000001, 0.8, 1}));
 }

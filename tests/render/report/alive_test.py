@@ -1,12 +1,13 @@
 """What the script of a page adds: values under the pointer, one cursor in time, zoom, keys that hide, tables that sort,
 the robot in 3-D; and the policy that lets no other script run. Arguments: tribotwin, tribotwin-report, source tree."""
-import base64, hashlib, os, re, sys
+import base64, hashlib, json, os, re, sys
 
 import h5py
 import numpy as np
 
 from browser import Browser
 from harness import check, content, finish, path, run, work
+from pendulum import PENDULUM
 from robot_checks import check_robot, unpacked, with_many_triangles
 
 twin, report, source = sys.argv[1:4]
@@ -123,6 +124,42 @@ check(
     list(map(float, up)) == numbers and list(map(float, down)) == numbers[::-1],
     (up, down),
 )
+
+# What is sorted as a number, as a date, and as a text.
+SORTED = """(texts) => { const table = [...document.querySelectorAll('table')].find(t => t.tBodies[0].rows.length >= 6);
+  const rows = [...table.tBodies[0].rows];
+  rows.forEach((row, i) => { if (i < texts.length) row.cells[0].textContent = texts[i]; else row.remove(); });
+  const head = table.querySelectorAll('thead th')[0];
+  do head.click(); while (head.getAttribute('aria-sort') !== 'ascending');
+  const sorted = [...table.tBodies[0].rows].map(r => r.cells[0].textContent);
+  table.tBodies[0].append(...rows);
+  return sorted; }"""
+for what, upwards in (
+    ("dates", ["2025-12-31", "2026-02-28 23:59 UTC", "2026-03-01T00:00:30Z", "2026-03-15", "2026-11-02", "–"]),
+    ("names that begin with a number", ["77-2", "6620-2", "6620-104417", "6620b", "10000-1", "10000-11"]),
+    ("numbers", ["-1.30·10⁻²", "10⁻⁵", "less than 0.1 %", "9 Nm", "1e3", "1 h 00 min 00 s"]),
+    ("numbers with their error", ["± 0.5", "2.0 ± 0.1", "10 ± 3", "<20", "30 (20 … 40)", "100 %"]),
+):
+    found = tab.value(f"({SORTED})({json.dumps(upwards[::-1])})")
+    check(f"{what} are sorted upwards", found == upwards, found)
+
+# A line of one sample is a point, drawn by gnuplot and by the script.
+with open(path("pendulum.xml"), "w") as f:
+    f.write(PENDULUM)
+with open(path("one.yaml"), "w") as f:
+    f.write("model: pendulum.xml\nduration_s: 0.02\ncontrol: {type: torque}\ntelemetry_rate_hz: 10\n")
+run(twin, "run", "one.yaml", "-o", "one", "--quiet")
+with h5py.File(path("one/telemetry.h5")) as f:
+    check("the record has one sample", f["time_s"].size == 1, f["time_s"][:])
+r = run(report, "one")
+check("report of one sample", r.returncode == 0, r.stderr)
+browser.open(path("one/report.html"))
+POINTS = """[...document.querySelectorAll('svg.live:not(.sample) .series path')].filter(p => p.getTotalLength() === 0
+  && p.getAttribute('stroke-linecap') === 'round' && /^M[\\d.]+ [\\d.]+h0$/.test(p.getAttribute('d'))).length"""
+check("the script draws a point", tab.value(POINTS) == 1, tab.value(POINTS))
+points = re.findall(r'id="[^"]*gnuplot_plot_2".*?</svg>', content("one/report.html"), re.S)
+check("gnuplot draws a point", [svg.count("<use ") for svg in points] == [1], points)
+browser.open(path("warmup/report.html"))
 
 # A dark page has dark figures; on paper gnuplot's drawings are there.
 check("no console message", not tab.console, tab.console)

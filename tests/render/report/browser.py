@@ -177,6 +177,13 @@ class Browser:
 
     def check_page(self, name, page, images, drawings, widths=WIDTHS):
         """What holds of every page; returns what was measured in the widest window, in which `text` is what is read."""
+        with open(page) as f:
+            said = opening(f.read())
+        self.check(
+            f"{name}: verdict, light with its rule, identity, three to five tiles, what to do",
+            3 <= len(said["tiles"]) <= 5 and all(said.values()),
+            said,
+        )
         self.open(page)
         for width in {max(widths), min(widths)}:
             dark = self.measured(width, "dark")

@@ -149,7 +149,7 @@ def hold(page, check, command, healthy, seen, watched, levels, dates, days, reac
     bad = [o for o in seen if o["anomalous"]]
     n.take("healthy.yaml", healthy)
     n.take("the command", command)
-    n.match("identity", rf"data of {dates[-1]} · tribotwin ([\d.]+) · MuJoCo [\d.]+\n", lambda v: True)
+    n.match("identity", rf"data of {dates[-1]} · page made with tribotwin ([\d.]+)\n", lambda v: True)
     change, half = h.friction_change(last, *levels)
     n.match(
         "friction, latest",
@@ -160,7 +160,8 @@ def hold(page, check, command, healthy, seen, watched, levels, dates, days, reac
     n.take("sentences", *(sentence(h, i + 1, o) for i, o in enumerate(seen) if o["anomalous"]))
     cause_of_latest = f"worn contact surfaces, {much(last)} (confidence {percent(last['confidence'])})."
     n.take("the cause", f"; the latest looks like {cause_of_latest}", f"It looks like {cause_of_latest}")
-    n.take("verdict", f"{len(bad)} of {len(seen)} curves are not those of a healthy joint")
+    are_not = "is not that" if len(bad) == 1 else "are not those"
+    n.take("verdict", f"{len(bad)} of {len(seen)} curves {are_not} of a healthy joint")
     nm = f" ({last['equivalent_load'] * h.torque_max_nm:.2g} Nm)" if h.torque_max_nm else ""
     tile = f"{100 * last['equivalent_load']:.1f} ± {100 * last['equivalent_load_sigma']:.1f} %\n"
     n.take("equivalent load", tile + f"of the maximum torque{nm}, one sigma: ")

@@ -210,6 +210,14 @@ check(
     "threshold is exceeded. The equivalent loads do not follow a straight line" in tile and "since about" not in tile,
     tile[:3000],
 )
+told = json.loads(run(twin, "diagnose", "check", "healthy.yaml", *sudden, "--json").stdout)["observations"]
+healthy = next(file for file, o in zip(sudden, told) if not o["anomalous"])
+run(report, "diagnosis", "healthy.yaml", healthy, sudden[-1], "-o", "two.html", "--quiet")
+verdict = opening(harness.content("two.html"))["verdict"]
+check("one curve of two", verdict.startswith("1 of 2 curves is not that of a healthy joint; "), verdict)
+run(report, "diagnosis", "healthy.yaml", sudden[-1], "-o", "only.html", "--quiet")
+verdict = opening(harness.content("only.html"))["verdict"]
+check("one curve alone", verdict.startswith("The curve is not that of a healthy joint; it looks like "), verdict)
 
 os.rename(os.path.join(work, "healthy.csv"), os.path.join(work, "gone.csv"))
 r = run(report, "diagnosis", "healthy.yaml", "checked.csv", "-o", "alone.html", "--quiet")
@@ -325,12 +333,20 @@ def keep(whole):
 
 whole = study()
 keep(whole)
+with open(os.path.join(work, "study", "campaign.yaml"), "w") as f:
+    f.write("# MuJoCo 1.9.9, model 0\nprocedure: diagnosis\n")
 page = os.path.join(work, "study", "report.html")
 r = run(report, "study", "study", "--quiet")
 check(
     "study: the page is written",
     r.returncode == 0 and r.stdout == "study/report.html\n" and r.stderr == "",
     (r.returncode, r.stdout, r.stderr),
+)
+made = opening(harness.content("study/report.html"))["identity"]
+check(
+    "study: the engine is the one that simulated the curves",
+    "page made with tribotwin " in made and made.endswith(" · simulated by MuJoCo 1.9.9"),
+    made,
 )
 measured = browser.check_page("study", page, images=0, drawings=2 * (4 + 6 + 4) + 7 + 1)
 text = measured["text"] if measured else ""
@@ -356,6 +372,7 @@ check(
     "curves with a fault are named by it." in text,
     text[:600],
 )
+check("study: a detection limit has its unit", "detection limit 8.4·10⁻⁵ rad." in text, re.findall("limit .*", text))
 check("study: faults named", re.search(r"faults named\s+1 of 2", text), text[:600])
 check(
     "study: confusion",
@@ -418,6 +435,11 @@ check(
     len(figures) == 14 and not any("roc" in name for name in figures),
     (r.stderr, figures),
 )
+few = {"learned": whole["joint5"]["learned"], "observations": whole["joint5"]["observations"][:1]}
+keep({"joint5": few})
+r = run(report, "study", "study", "-o", "few.html", "--quiet")
+said = opening(harness.content("few.html")) if r.returncode == 0 else {"tiles": []}
+check("study of one checked curve: three to five tiles", 3 <= len(said["tiles"]) <= 5, (r.stderr, said))
 keep(whole)
 os.remove(os.path.join(work, "study", "joint5", "curves.csv"))
 for name, folder, says in (

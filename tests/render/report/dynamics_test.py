@@ -208,6 +208,29 @@ check(
     r,
 )
 
+
+# A joint that rests in the middle of the record, or in all of it.
+def at_rest(rests, name):
+    """The page where the joint rests in samples `rests` of the table."""
+    predicted("tuesday.csv")
+    with open(path("predicted.csv")) as f:
+        head, *lines = f.read().splitlines()
+    for i in range(len(lines))[rests]:
+        lines[i] = lines[i].rsplit(",", 1)[0] + ",0"
+    with open(path("predicted.csv"), "w") as f:
+        f.write("\n".join([head, *lines]) + "\n")
+    r = run(report, "dynamics", "predicted.json", "-o", name)
+    check(f"{name}: a page all the same", r.returncode == 0, r.stderr)
+    return content(name) if r.returncode == 0 else ""
+
+
+check("moving is the last column", head.endswith(",moving_hinge"), head)
+page = at_rest(slice(1500, 4500), "rest.html")  # from 15 to 45 s
+spans = re.findall(r"hinge: torque, recorded and, while the joint moves, predicted, from ([\d.]+) to ([\d.]+) s", page)
+check("it shows where there is a prediction", spans and (float(spans[0][0]) < 15 or float(spans[0][1]) > 45), spans)
+page = at_rest(slice(None), "resting.html")
+check("or says that there is none", "No torques of hinge are drawn: no sample of the table has a prediction" in page)
+
 # Joints in the order of the robot, not of the alphabet.
 result = predicted("tuesday.csv")
 result["joints"]["arm"] = {"lacking": "torque not recorded", "unit": "Nm"}

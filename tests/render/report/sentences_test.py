@@ -1,9 +1,13 @@
-"""First sentences that once misled: of a run whose motors do no work, of runs whose friction differs in power alone.
-Arguments: tribotwin, tribotwin-report."""
-import json, re, shutil, sys
+"""First sentences that once misled: of a run whose motors do no work, of runs whose friction differs in power alone, of
+joints that cost little and changed much. Arguments: tribotwin, tribotwin-report."""
+import html, json, re, shutil, sys
+
+import h5py
+import numpy as np
 
 from browser import opening
-from harness import check, content, finish, path, run
+from harness import check, content, finish, path, run, work
+from numbers_of_page import text_of
 from pendulum import PENDULUM
 
 twin, report = sys.argv[1:3]
@@ -43,5 +47,157 @@ check(
     "a change of friction work is in the first sentence",
     said.endswith(", but friction work falls by 5.0 % in less."),
     said,
+)
+
+
+# Two joints, of which one does nearly all the work: the other is not overlooked where its friction changes.
+def doubled(xml):
+    """With a second pendulum, "wrist", beside the first."""
+    second = lambda text: text.replace("servo", "small").replace("hinge", "wrist").replace("pendulum", "hand")
+    for tag, inner in (("</plugin>", "instance"), ("</worldbody>", "body"), ("</actuator>", "plugin name")):
+        part = re.search(rf"<{inner}.*?(?={tag})", xml, re.S).group(0)
+        xml = xml.replace(tag, second(part) + tag, 1)
+    return xml
+
+
+write("two.xml", doubled(PENDULUM))
+write(
+    "two.yaml",
+    "model: two.xml\nduration_s: 15\nmotion: {type: cycle, waypoints: [{position_rad: {hinge: -0.5, wrist: -0.1}}, "
+    "{position_rad: {hinge: 0.6, wrist: 0.1}}], speed_rad_s: 2}\n",
+)
+r = run(twin, "run", "two.yaml", "-o", "two", "--quiet")
+check("two joints run", r.returncode == 0, r.stderr)
+
+
+def changed(name, factors, power, rests=None):
+    """A copy of the run with other friction (RMS) and other power in the work cycles."""
+    shutil.copytree(path("two"), path(name))
+    s = json.loads(content(name + "/summary.json"))
+    for joint in s["joints"]:
+        joint["friction_nm"]["rms"] *= factors.get(joint["name"], 1)
+    write(name + "/summary.json", json.dumps(s))
+    with h5py.File(path(name, "telemetry.h5"), "r+") as f:
+        for joint, factor in power.items():
+            f[joint + "/cycle_friction_power_W"][:] *= factor
+        if rests:
+            f[rests + "/velocity_rad_s"][:] = 0
+
+
+def compared(*names):
+    r = run(report, *names, "-o", "compared.html", "--quiet", "--force")
+    check(f"{names} are compared", r.returncode == 0, r.stderr)
+    return opening(content("compared.html"))
+
+
+with h5py.File(path("two/telemetry.h5")) as f:
+    check("the run has work cycles", f["cycle_time_s"].size > 1, f["cycle_time_s"].size)
+    mean_W = {joint: f[joint + "/cycle_friction_power_W"][:].mean() for joint in ("hinge", "wrist")}
+check("the wrist does little of the work", mean_W["wrist"] < 0.25 * mean_W["hinge"], mean_W)
+changed("little", {"wrist": 1.2, "hinge": 1.004}, {"hinge": 1.1})
+said = compared("two", "little")
+check(
+    "a joint that costs little and changed much is named, in amber",
+    said["verdict"].startswith("wrist has more friction in little than in two: ") and said["light"] == "Amber",
+    said,
+)
+changed("both_changed", {"wrist": 1.2, "hinge": 1.1}, {"hinge": 1.1, "wrist": 1.05})
+said = compared("two", "both_changed")
+check(
+    "beside one that costs more it is named, too",
+    said["verdict"].startswith("hinge has more friction in both_changed than in two: ")
+    and said["verdict"].endswith("; wrist +20.0 % at less power."),
+    said,
+)
+changed("third", {"wrist": 0.9, "hinge": 1.02}, {"hinge": 1.02, "wrist": 0.99})
+said = compared("two", "third")
+check(
+    "amber for a joint that is not the first named",
+    said["light"] == "Amber" and said["verdict"].endswith("; wrist -10.0 % at less power."),
+    said,
+)
+changed("cycles", {"wrist": 1.06, "hinge": 1.06}, {"wrist": 30})
+said = compared("two", "cycles")
+check(
+    "power is that of the work cycles, whichever have samples",
+    said["verdict"].startswith("wrist has more friction in cycles than in two: "),
+    said,
+)
+# A joint that rests in either run has no friction to compare.
+changed("resting", {}, {}, rests="wrist")
+for names in (("resting", "little"), ("little", "resting")):
+    said = compared(*names)
+    check(f"a joint that rests in one is not named: {names}", "wrist" not in said["verdict"], said)
+
+# Numbers from 1000 on have no power of ten.
+shutil.copytree(path("two"), path("strong"))
+s = json.loads(content("strong/summary.json"))
+s["joints"][0]["temperature_degC"].update(start=25, end=40, max=40)
+s["friction_work_J"], s["motor_work_J"] = 1.2344e9, 1e8
+write("strong/summary.json", json.dumps(s))
+with h5py.File(path("strong/telemetry.h5"), "r+") as f:
+    power = f["hinge/cycle_friction_power_W"]
+    check("enough cycles", power.size > 2, power.size)
+    power[:] = np.linspace(1234.4, 999.7, power.size)
+run(report, "strong", "-o", "strong.html", "--quiet")
+read = text_of(content("strong.html"))
+check(
+    "powers of a strong joint are written out",
+    "falls from 1234 to 1000 W (-19 %)" in read and "1234 → 1000 W" in read and "-235 W, -19.0 %" in read,
+    read[:1200],
+)
+check("so are its works", "1234 MJ" in read and "1234 % of 100 MJ motor work" in read, read[:1200])
+
+# A summary of an early version has no checks: nothing is known, which is not green.
+shutil.copytree(path("on"), path("early"))
+s = json.loads(content("early/summary.json"))
+del s["health"]
+write("early/summary.json", json.dumps(s))
+run(report, "early", "-o", "early.html", "--quiet")
+said = opening(content("early.html"))
+check(
+    "a run without checks is amber, and the page says why",
+    said["light"] == "Amber" and "its summary has no checks" in said["rule"] and "again" in said["action"],
+    said,
+)
+
+# A slide beside a hinge: the figure of one joint has that joint's unit.
+write("mixed.xml", doubled(PENDULUM).replace('name="wrist"', 'name="wrist" type="slide"'))
+write("mixed.yaml", re.sub(r"two\.xml\nduration_s: 15", "mixed.xml\nduration_s: 0.3", content("two.yaml")))
+r = run(twin, "run", "mixed.yaml", "-o", "mixed", "--quiet")
+check("a hinge and a slide run", r.returncode == 0, r.stderr)
+for joint, unit in (("hinge", "Nm"), ("wrist", "N")):
+    shutil.copytree(path("mixed"), path("mixed_" + joint))
+    s = json.loads(content(f"mixed_{joint}/summary.json"))
+    next(j for j in s["joints"] if j["name"] == joint)["friction_nm"]["rms"] *= 1.3
+    write(f"mixed_{joint}/summary.json", json.dumps(s))
+    said = compared("mixed", "mixed_" + joint)
+    check(f"{joint} is the one that differs", said["verdict"].startswith(joint + " has more friction"), said)
+    data = [json.loads(html.unescape(d)) for d in re.findall(r'data-figure="([^"]*)"', content("compared.html"))]
+    units = {d["y"]["unit"] for d in data[:2] if "friction" in d["y"]["quantity"]}
+    check(f"friction of {joint} in {unit}", units == {unit}, [d["y"] for d in data])
+
+# Runs of one name in folders of one name: the shortest end of the path tells them apart, not all of it.
+for cell in ("cell_a", "cell_b"):
+    shutil.copytree(path("on"), path(cell, "today"))
+said = compared(path("cell_a/today"), path("cell_b/today"))
+page = content("compared.html")
+check("the first is named by two folders", "% from that in cell_a/today" in said["verdict"], said)
+check("so is the other", "result\ncell_a/today\ncell_b/today\n" in text_of(page), text_of(page)[:2000])
+check("nothing is said of this machine", work not in page)
+
+# A record of one sample.
+write("one.yaml", content("off.yaml").replace("0.2", "0.02") + "telemetry_rate_hz: 10\n")
+run(twin, "run", "one.yaml", "-o", "one", "--quiet")
+run(report, "one", "-o", "one.html", "--quiet")
+page = content("one.html")
+check("one pose is the only one", "The only pose of the run, at 0.00 s." in page and "1 poses" not in page)
+check("so is its moment in 3-D", "The only moment of the run" in page and "1 moments" not in page)
+compared("one", "one")
+check(
+    "one sample has no root mean square",
+    "hinge: friction, magnitude of the only sample." in content("compared.html")
+    and "over 0.00 s" not in content("compared.html"),
+    re.findall("<figcaption>(.*?)</figcaption>", content("compared.html")),
 )
 finish()

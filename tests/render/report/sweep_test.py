@@ -216,6 +216,21 @@ run(report, "sweep", "runs/corner", "-o", "corner.html")
 drawn = set(re.findall(r"friction[^<]*?(0\.1\d+)[^<]*, quadratic<", content("corner.html")))
 check("sweep: no surface of a time that goes below zero, but of one that hardly does", drawn == {"0.12"}, drawn)
 
+# One run is said as one.
+write(
+    "single.yaml",
+    "scenario: scenario.yaml\nset: {duration_s: 1}\nfactors: {temperature_degC: [20]}\n"
+    "design: {type: grid}\noutputs: [heat_J]\n",
+)
+run(twin, "sweep", "single.yaml", "-o", "runs/single", "--quiet")
+run(report, "sweep", "runs/single", "-o", "single.html")
+check(
+    "sweep of one run", verdict("single.html").startswith("In the only run friction heat is "), verdict("single.html")
+)
+run(report, "sweep", "runs/single", "-o", "named.html", "--robot", "arm 3", "--serial-number", "77-2")
+made = opening(content("named.html"))["identity"]
+check("sweep of a robot that the user names", made.startswith("arm 3 · serial number 77-2 · "), made)
+
 # ---- Fleets.
 plant = Plant(20)
 plant.write(path("healthy.csv"), 14)
@@ -275,6 +290,22 @@ check(
     "nothing listed is said", verdict("good.html").startswith("None of 38 joints needs a look."), verdict("good.html")
 )
 
+# More joints than have room: the one that is listed is not among those left out.
+many = Plant(8, [f"joint{k}" for k in range(1, 15)])  # joint9 is the last by name
+many.write(path("many.csv"), 14)
+many.write(path("many_week.csv"), 7, {("R0003", "joint9"): 0.2})
+run(twin, "fleet", "learn", "many.csv", "-o", "many.db", "--quiet")
+run(twin, "fleet", "check", "many_week.csv", "-o", "many.db", "--quiet")
+r = run(report, "fleet", "many.db")
+check("fleet of many joints: its page", r.returncode == 0 and verdict("many.html").startswith("1 of 112 "), r.stderr)
+plan = next(svg for svg in re.findall("<svg.*?</svg>", content("many.html"), re.S) if "change of Fc" in svg)
+columns = {name for name in re.findall(r">(joint\d+)<", plan)}
+check("fleet of many joints: the listed one is shown", len(columns) == 12 and "joint9" in columns, columns)
+check(
+    "fleet of many joints: what is left out is said",
+    "12 of 14 joints, 2 left out: those that are listed on a robot first." in content("many.html"),
+)
+
 db = sqlite3.connect(path("good.db"))
 db.execute("DELETE FROM models WHERE joint = 'joint3'")
 db.commit()
@@ -289,6 +320,7 @@ check_refused(
 write("empty.db", "")
 check_refused("an empty file", run(report, "fleet", "empty.db"), ["empty.db", "is empty"], 2, lines=None)
 check_refused("no file", run(report, "fleet", "no.db"), ["no.db", "there is no such file"], 2, lines=None)
+check_refused("a fleet is no robot", run(report, "fleet", "plant.db", "--robot", "arm 3"), ["--robot"], 2, lines=None)
 check("no file is made", not os.path.exists(path("no.db")))
 check_refused("another file", run(report, "fleet", "week.csv"), ["week.csv", "is no store"], 2, lines=None)
 check_refused("a wrong day", run(report, "fleet", "plant.db", "--date", "May"), ["--date May"], 2, lines=None)

@@ -128,6 +128,16 @@ check(
     and abs(several[2]["held_out_rms"] / 4.23e-3 - 1) < 0.05,
     [(f["law"], f["held_out_rms"], f["aicc"]) for f in several],
 )
+r = run("identify", "--law", "stribeck,load,extended", "--cross-validate", 4, full)
+lines = [re.split(r"  +", line.strip()) for line in r.stdout.splitlines()]
+head = ["law", "p", "residual std", "largest", "held-out RMS", "unit", "R^2", "AICc"]
+check("laws compared: a table with the units of residuals", lines and lines[0] == head, r.stdout)
+units = {line[0]: line[5] for line in lines[1:] if len(line) > 5}
+check(
+    "each law has the unit of its residuals",
+    units == dict.fromkeys(("stribeck", "load", "extended"), "of torque_max"),
+    r.stdout,
+)
 half = v.size // 2
 write("a.csv", HEADER, v[:half], l[:half], T[:half], y[:half]), write(
     "b.csv", HEADER, v[half:], l[half:], T[half:], y[half:]

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/number.hpp>
+#include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/experiments/sweep/stored.hpp>
 #include <tribotwin/twin/experiments/sweep/sweep.hpp>
 #include <tribotwin/twin/io/input.hpp>
@@ -47,8 +48,7 @@ Table read_table(const fs::path& file) {
 double number_of(const std::string& cell) { return to_number(cell).value_or(none); }
 
 void read_campaign(StoredSweep& s, const YAML::Node& campaign) {
-  s.engine = s.campaign.substr(0, s.campaign.find(','));
-  s.engine = s.engine.starts_with("# ") ? s.engine.substr(2) : "";
+  s.engine = engine_of(s.campaign);
   s.scenario = campaign["scenario"].as<std::string>();
   s.planned = campaign["runs"].as<std::size_t>();
   const YAML::Node design = campaign["design"];

@@ -1,5 +1,5 @@
 """tribotwin sweep as its user meets it: results, resumption, refusals. Arguments: program, source tree."""
-import csv, json, os, signal, subprocess, sys, time
+import csv, json, os, re, signal, subprocess, sys, time
 
 import h5py
 import numpy as np
@@ -281,6 +281,15 @@ before = sorted(os.listdir(work))
 r = run("small.yaml", "--dry-run", "--json")
 j = json.loads(r.stdout)
 check("--dry-run: foretells", j["runs"] == 40 and j["status"] == "ok" and j["seconds"] >= j["seconds_of_one"] > 0, j)
+r = run("small.yaml", "--dry-run")
+table = [line.split() for line in r.stdout.splitlines()[-5:]]
+check(
+    "--dry-run: a table of its outputs, with digits that matter",
+    table[0] == ["output", "run", "0"]
+    and all(re.fullmatch(r"-|-?[\d.]{1,10}(e[+-]\d+)?", row[-1]) for row in table[1:])
+    and len({len(line.rstrip()) for line in r.stdout.splitlines()[-5:]}) == 1,
+    r.stdout,
+)
 check("--dry-run: writes nothing", sorted(os.listdir(work)) == before)
 
 # ---- Plans that make no sense: place, what would be right, nothing written.

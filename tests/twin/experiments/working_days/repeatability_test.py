@@ -168,6 +168,21 @@ if report:
         page.index('id="verdict"') < page.index("Two days") and said["identity"].startswith("EFORT ER3A-C60 ·"),
         said,
     )
+    campaign = open(f"{work}/days/campaign.yaml").read()
+    with open(f"{work}/days/campaign.yaml", "w") as f:
+        f.write(re.sub(r"^# MuJoCo [^,]*,", "# MuJoCo 1.9.9,", campaign))
+    run("days", "days", "-o", "older.html", which=report)
+    older = open(f"{work}/older.html").read()
+    made = opening(older)["identity"]
+    check(
+        "page: the engine is the one that simulated the days",
+        "page made with tribotwin " in made
+        and made.endswith(" · simulated by MuJoCo 1.9.9")
+        and "# MuJoCo 1.9.9, model" in older,
+        made,
+    )
+    with open(f"{work}/days/campaign.yaml", "w") as f:
+        f.write(campaign)
     Browser(work, check).check_page("days", f"{work}/days/report.html", 0, 6 + 6 + 2 + 6)
     for what in (
         "friction of joint3 changed",

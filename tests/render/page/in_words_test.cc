@@ -1,0 +1,31 @@
+// Shares as pages say them: none is said to be all or nothing that is not.
+#include <cmath>
+#include <limits>
+
+#include <gtest/gtest.h>
+
+#include <tribotwin/render/page/in_words.hpp>
+
+namespace tribotwin::render {
+namespace {
+
+TEST(Percent, HasTheDigitsThatMatter) {
+  EXPECT_EQ(percent(0.042), "4.2 %");
+  EXPECT_EQ(percent(0.314), "31 %");
+  EXPECT_EQ(percent(1.27), "127 %");
+  EXPECT_EQ(percent(std::numeric_limits<double>::quiet_NaN()), "–");
+}
+
+TEST(Percent, NothingAndAllAreOnlyThose) {
+  EXPECT_EQ(percent(0), "0 %");
+  EXPECT_EQ(percent(1e-9), "less than 0.1 %");
+  EXPECT_EQ(percent(0.0011), "0.1 %");
+  EXPECT_EQ(percent(0.994), "99 %");
+  EXPECT_EQ(percent(0.9962), "99.6 %");
+  EXPECT_EQ(percent(0.9996), "more than 99.9 %");
+  EXPECT_EQ(percent(std::nextafter(1, 0)), "more than 99.9 %");
+  EXPECT_EQ(percent(1), "100 %");
+}
+
+}  // namespace
+}  // namespace tribotwin::render
