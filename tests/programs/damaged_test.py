@@ -3,6 +3,9 @@ all. Each run ends in time with exit code 0, 1 or 2; where it is not 0, with one
 and no word of a library. Arguments: tribotwin, tribotwin-hil, source tree; by hand also how many flips (8)."""
 import concurrent.futures, os, random, re, shutil, sys
 
+import h5py
+import numpy as np
+from fleet_plant import HEADER, Plant
 from foreign import FOREIGN
 from harness import check, content, finish, path, run
 
@@ -87,6 +90,13 @@ log = "".join(f"({1 + n / 500:017.6f}) can0 {frame}\n" for n, frame in enumerate
 write("whole.log", log.encode())
 compared = run(hil, "replay", "scenario.yaml", "whole.log", "--fast")
 check("the whole log is compared", compared.returncode == 1 and "106 frames" in compared.stdout, compared.stderr)
+columns = dict(zip(HEADER.split(","), zip(*(row.split(",") for row in Plant(2).rows(6)))))
+with h5py.File(path("plant.h5"), "w") as f:
+    for column, values in columns.items():
+        text = column in ("robot", "joint", "date")
+        f[column] = np.array(values, h5py.string_dtype() if text else float)
+learned = run(tribotwin, "fleet", "learn", "plant.h5", "-o", "plant.db")
+check("the whole table is learned", learned.returncode == 0, learned.stderr)
 
 # ---- Damaged ones.
 try_all("scenario", "s.yaml", scenario, lambda f, to: (tribotwin, "run", f, "-o", to + "/out", *SHORT))
@@ -107,6 +117,12 @@ try_all("log", "l.log", log.encode(), lambda f, to: (hil, "replay", "scenario.ya
 with open(f"{source}/mjcf/irb6620.xml", "rb") as f:
     model = f.read()
 try_all("model", "m.xml", model, lambda f, to: (tribotwin, "curve", f, "--joint", "joint2"))
+try_all(
+    "table",
+    "t.h5",
+    bytes_of("plant.h5"),
+    lambda f, to: (tribotwin, "fleet", "learn", f, "-o", to + "/plant.db", "--quiet"),
+)
 
 # ---- What is no such file at all.
 os.mkdir(path("folder"))
@@ -116,7 +132,14 @@ write(
     b"a: &a [0,0,0,0,0,0,0,0]\n"
     + b"".join(b"%c: &%c [%s]\n" % (98 + i, 98 + i, b",".join([b"*%c" % (97 + i)] * 9)) for i in range(9)),
 )
+os.mkfifo(path("fifo.h5"))
+with h5py.File(path("vast.h5"), "w") as f:
+    for column in columns:
+        f.create_dataset(column, (1 << 31,), "f8", chunks=(1024,))
+learn = (tribotwin, "fleet", "learn", "-o", "new.db")
 for name, command in (
+    ("fifo.h5", (*learn, "fifo.h5")),
+    ("vast.h5", (*learn, "vast.h5")),
     ("/dev/zero", (tribotwin, "run", "/dev/zero", "-o", "out")),
     ("folder", (tribotwin, "run", "folder", "-o", "out")),
     ("bomb.yaml", (tribotwin, "run", "bomb.yaml", "-o", "out")),
