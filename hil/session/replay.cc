@@ -13,6 +13,7 @@
 #include <tribotwin/hil/session/expected_frames.hpp>
 #include <tribotwin/hil/session/replay.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
+#include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -253,7 +254,7 @@ class Replay {
 
   Status happen(const Turn& turn) try {
     for (const std::string& text : turn.events) {
-      const YAML::Node event = YAML::Load(text);
+      const YAML::Node event = twin::parse_yaml(text, "an event");
       bench_.plant().happen(event);
       if (o_.events.happened) o_.events.happened(time_s(), event);
     }

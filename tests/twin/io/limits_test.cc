@@ -94,6 +94,7 @@ TEST(JsonLimits, ValuesAndDepth) {
   const int deepest = static_cast<int>(limits::json_depth);
   EXPECT_FALSE(parse_json(nested(deepest)).is_discarded());
   EXPECT_TRUE(parse_json(nested(deepest + 1)).is_discarded());
+  EXPECT_TRUE(parse_ordered_json(nested(deepest + 1)).is_discarded());
   EXPECT_TRUE(parse_json(std::string(1000000, '[')).is_discarded());
   EXPECT_FALSE(parse_json(R"({"a": "[[\"[[[[", "b": "\\"})").is_discarded()) << "brackets in texts do not count";
   EXPECT_TRUE(parse_json("[" + std::string(limits::json_values, ',') + "]").is_discarded());

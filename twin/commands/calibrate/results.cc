@@ -8,6 +8,7 @@
 #include <tribotwin/twin/commands/calibrate/results.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/io/text_table.hpp>
@@ -277,7 +278,7 @@ std::vector<SimulationFit> read_fits(const Campaign& campaign, const fs::path& f
   std::error_code error;
   if (!fs::exists(file, error)) return {};
   const std::string text = or_throw(read_text(file, "a calibration"));
-  const Json written = Json::parse(text, nullptr, false);  // in its own order, which the checksum is of
+  const Json written = parse_ordered_json(text);  // in its own order, which the checksum is of
   const nlohmann::json j = written;
   const auto refuse = [&](const std::string& what) {
     throw InputError(fmt::format("{}: {}; choose another folder with -o, or remove this one", file.string(), what));

@@ -6,6 +6,7 @@
 
 #include <tribotwin/twin/diagnosis/fleet/model_text.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
 namespace {
@@ -101,7 +102,7 @@ std::string to_text(const TypeModel& t) {
 }
 
 TypeModel from_text(const std::string& text) try {
-  const Json j = Json::parse(text);
+  const Json j = parse_ordered_json(text);
   if (j.at("version") != version) throw of_another_version();
   TypeModel t{.type = j.at("type"),
               .joint = j.at("joint"),
