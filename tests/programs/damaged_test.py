@@ -1,7 +1,7 @@
 """Programs on damaged inputs: cut off at several lengths, with bits that are others, and on what is no such file at
 all. Each run ends in time with exit code 0, 1 or 2; where it is not 0, with one message of ours that names the file,
 and no word of a library. Arguments: tribotwin, tribotwin-hil, source tree; by hand also how many flips (8)."""
-import concurrent.futures, os, random, re, shutil, sys
+import concurrent.futures, json, os, random, re, shutil, sys
 
 import h5py
 import numpy as np
@@ -123,6 +123,19 @@ try_all(
     bytes_of("plant.h5"),
     lambda f, to: (tribotwin, "fleet", "learn", f, "-o", to + "/plant.db", "--quiet"),
 )
+
+# ---- Names that are not UTF-8, in JSON.
+named = os.fsdecode(b"named \xff")
+shutil.copytree(path("whole"), path(named))
+for command in (
+    (tribotwin, "recover", named, "--json"),
+    (tribotwin, "export", named, "--csv", "--json"),
+    (tribotwin, "fleet", "learn", "plant.h5", "-o", named + ".db", "--json"),
+    (hil, "replay", "scenario.yaml", "whole.log", "--fast", "-o", named + ".run", "--json"),
+):
+    process = run(*command, errors="replace")
+    good = process.returncode in (0, 1) and isinstance(json.loads(process.stdout or "0"), dict)
+    check(f"{command[1]} --json where a name has any bytes", good, (process.returncode, process.stderr[-300:]))
 
 # ---- What is no such file at all.
 os.mkdir(path("folder"))

@@ -39,10 +39,17 @@ Json parsed(const std::string& text) {
 nlohmann::json parse_json(const std::string& text) { return parsed<nlohmann::json>(text); }
 nlohmann::ordered_json parse_ordered_json(const std::string& text) { return parsed<nlohmann::ordered_json>(text); }
 
+std::string dump_json(const nlohmann::json& value, int indent) {
+  return value.dump(indent, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+std::string dump_json(const nlohmann::ordered_json& value, int indent) {
+  return value.dump(indent, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
 std::string files_json(std::span<const std::string> files) {
   nlohmann::ordered_json json{{"files", nlohmann::ordered_json::array()}};
   for (const auto& file : files) json["files"].push_back(file);
-  return json.dump(2) + "\n";
+  return dump_json(json, 2) + "\n";
 }
 
 }  // namespace tribotwin::twin

@@ -13,6 +13,11 @@ nlohmann::json parse_json(const std::string& text);
 /// The same, with keys in the order of the text.
 nlohmann::ordered_json parse_ordered_json(const std::string& text);
 
+/// `value` as text of one line or, with an indent >= 0, of one line per value. Bytes that are not UTF-8, as names of
+/// files may have, become U+FFFD.
+std::string dump_json(const nlohmann::json& value, int indent = -1);
+std::string dump_json(const nlohmann::ordered_json& value, int indent = -1);
+
 /// null where there is no value.
 template <class T>
 nlohmann::ordered_json or_null(const std::optional<T>& value) {

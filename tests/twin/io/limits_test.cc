@@ -100,5 +100,11 @@ TEST(JsonLimits, ValuesAndDepth) {
   EXPECT_TRUE(parse_json("[" + std::string(limits::json_values, ',') + "]").is_discarded());
 }
 
+TEST(Json, NamesOfFilesMayBeAnyBytes) {
+  EXPECT_EQ(dump_json(nlohmann::json("a\xff")), "\"a\xef\xbf\xbd\"");
+  EXPECT_EQ(dump_json(nlohmann::ordered_json{{"b", 1}, {"a", "\xe4"}}), "{\"b\":1,\"a\":\"\xef\xbf\xbd\"}");
+  EXPECT_EQ(dump_json(nlohmann::json{{"a", 1}}, 2), "{\n  \"a\": 1\n}");
+}
+
 }  // namespace
 }  // namespace tribotwin::twin

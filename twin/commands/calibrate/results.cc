@@ -145,7 +145,7 @@ Json json_of(const Results& r) {
 /// With a checksum of everything else as its last key.
 Json with_checksum(Json j) {
   j.erase("crc32");
-  j["crc32"] = fmt::format("{:08x}", crc32(j.dump()));
+  j["crc32"] = fmt::format("{:08x}", crc32(dump_json(j)));
   return j;
 }
 
@@ -265,8 +265,8 @@ std::string table_of_folds(const Results& r, std::size_t k) {
 
 }  // namespace
 
-std::string json_text(const Results& results) { return json_of(results).dump(1) + "\n"; }
-std::string calibration_file(const Results& results) { return with_checksum(json_of(results)).dump(1) + "\n"; }
+std::string json_text(const Results& results) { return dump_json(json_of(results), 1) + "\n"; }
+std::string calibration_file(const Results& results) { return dump_json(with_checksum(json_of(results)), 1) + "\n"; }
 
 std::string table_of(const Results& r) {
   std::string s = table_of_variants(r);
@@ -285,7 +285,7 @@ std::vector<SimulationFit> read_fits(const Campaign& campaign, const fs::path& f
   };
   if (!j.is_object() || !j.contains("fit")) refuse("is no calibration");
   if (j.contains("crc32") && !checksum_holds(written)) refuse("was changed since it was made (checksum)");
-  if (j["fit"] != campaign.resolved)
+  if (dump_json(j["fit"]) != dump_json(nlohmann::json(campaign.resolved)))
     refuse("holds another calibration (its FIT file, models, recordings, seed or versions differ)");
   try {
     return fits_of(campaign, j);

@@ -98,7 +98,7 @@ std::string to_text(const TypeModel& t) {
     Json& all = j[regions[r].name] = Json::array();
     for (std::size_t k = 0; k < t.choices(r); ++k) all.push_back(json_of(t.choice(r, k)));
   }
-  return j.dump();
+  return dump_json(j);
 }
 
 TypeModel from_text(const std::string& text) try {

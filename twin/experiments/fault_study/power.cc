@@ -154,7 +154,7 @@ Result<Power> power_of_one(const Joint& joint, const HealthyState& healthy, cons
 std::string to_text(const Power& power) {
   Json j{{"fault", power.fault->name}, {"detection_limit", power.detection_limit}, {"named", power.named}};
   for (const auto& [severity, false_alarm, detected] : power.roc) j["roc"].push_back({severity, false_alarm, detected});
-  return j.dump() + "\n";
+  return dump_json(j) + "\n";
 }
 
 /// None where the text is no such fault's.
