@@ -126,6 +126,19 @@ write("top.yaml", PLAN + "runs: 7\n")
 r = run(twin, "sweep", "top.yaml", "-o", "runs/top")
 check_refused("a plan does not take what only campaign.yaml has", r, ["runs"], 2, lines=None)
 
+# A campaign.yaml that somebody has edited.
+shutil.copytree(path("runs/small"), path("runs/edited"))
+for old, new, says in (
+    (r"\nruns: \d+", "\nruns: many", "runs"),
+    (r"\nscenario: .*", "\nscenario: [1]", "scenario"),
+    (r"seed: \d+}", "seed: {a: 1}}", "seed"),
+):
+    edited, count = re.subn(old, new, content("runs/small/campaign.yaml"), count=1)
+    write("runs/edited/campaign.yaml", edited)
+    r = run(report, "sweep", "runs/edited")
+    check_refused(f"campaign.yaml with a wrong {says}", r, ["runs/edited/campaign.yaml:", says], 2, lines=None)
+    check(f"and {says} was one", count == 1)
+
 # Unfinished: as a kill leaves it, with a hole.
 shutil.copytree(path("runs/small"), path("runs/part"))
 for name in ("results.csv", "results.h5", "statistics.json", "bands.csv"):

@@ -46,16 +46,17 @@ Table read_table(const fs::path& file) {
 
 double number_of(const std::string& cell) { return to_number(cell).value_or(none); }
 
-void read_campaign(StoredSweep& s, const YAML::Node& campaign) {
+void read_campaign(StoredSweep& s, Mapping campaign) {
   s.engine = s.campaign.substr(0, s.campaign.find(','));
   s.engine = s.engine.starts_with("# ") ? s.engine.substr(2) : "";
-  s.scenario = campaign["scenario"].as<std::string>();
-  s.planned = campaign["runs"].as<std::size_t>();
-  const YAML::Node design = campaign["design"];
-  s.design = design["type"].as<std::string>();
-  s.indices = design["indices"].as<bool>(false);
-  if (s.design != design_types[0].first) s.seed = design["seed"].as<std::size_t>(1);
-  const YAML::Node outputs = campaign["outputs"];
+  s.scenario = campaign.text("scenario");
+  s.planned = campaign.whole("runs", {1, most_runs});
+  auto design = campaign.mapping("design");
+  if (!design) campaign.fail("design", "is missing");
+  s.design = design->text("type");
+  s.indices = design->flag_or("indices", false);
+  if (s.design != design_types[0].first) s.seed = design->whole_or("seed", 1, {0, 9007199254740992.0});
+  const YAML::Node outputs = campaign.raw("outputs");
   for (const auto& entry : outputs)
     if (outputs.IsMap())
       s.outputs.push_back({entry.first.Scalar(), entry.second.Scalar()});
@@ -169,7 +170,7 @@ Result<StoredSweep> read_sweep(const fs::path& directory) try {
   StoredSweep s{.directory = directory};
   const fs::path file = directory / "campaign.yaml";
   s.campaign = or_throw(read_text(file, "a YAML file"));
-  read_campaign(s, load_yaml(file));
+  read_campaign(s, Mapping(file.string(), "", load_yaml(file)));
   read_origin(s);
   s.finished = status->finished;
   s.date = date_of(directory);
@@ -191,8 +192,6 @@ Result<StoredSweep> read_sweep(const fs::path& directory) try {
   return s;
 } catch (const InputError& e) {
   return tl::unexpected(Error(e.what()));
-} catch (const YAML::Exception& e) {
-  return tl::unexpected(Error(fmt::format("{}: {}", (directory / "campaign.yaml").string(), e.what())));
 }
 
 }  // namespace tribotwin::twin::sweep
