@@ -1,12 +1,14 @@
 #include <algorithm>
 
 #include <fmt/format.h>
-#include <unistd.h>
 
+#include <tribotwin/plugins/friction/input_file.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/mujoco/source.hpp>
 #include <tribotwin/twin/gears/drive_elements.hpp>
 #include <tribotwin/twin/gears/foreign_model.hpp>
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
@@ -165,26 +167,19 @@ void resolve_meshes(pugi::xml_document& urdf, const fs::path& folder, std::vecto
                                 missing.size(), missing.front(), missing.size() > 1 ? ", ..." : ""));
 }
 
-/// A file that is gone at the end.
-struct Temporary {
-  fs::path path;
-  explicit Temporary(const char* name) : path(fs::temp_directory_path() / fmt::format("{}-{}.xml", name, ::getpid())) {}
-  Temporary(const Temporary&) = delete;
-  ~Temporary() {
-    std::error_code ignored;
-    fs::remove(path, ignored);
-  }
-};
-
 /// The engine's own MJCF of a URDF.
 Result<std::string> converted(const pugi::xml_document& urdf) {
-  const Temporary in("tribotwin-urdf"), out("tribotwin-mjcf");
-  if (!urdf.save_file(in.path.c_str())) return work_failed(in.path.string() + ": cannot be written");
+  const TemporaryFolder folder("tribotwin-urdf");
+  const fs::path in = folder.path() / "urdf.xml", out = folder.path() / "mjcf.xml";
+  if (folder.path().empty() || !urdf.save_file(in.c_str()))
+    return work_failed(
+        "the engine converts a URDF in the folder for temporary files, where nothing can be written; set TMPDIR to a "
+        "folder where files can be");
   char error[1000] = "";
-  const mujoco::ModelPtr model(mj_loadXML(in.path.c_str(), nullptr, error, sizeof error));
+  const mujoco::ModelPtr model(mj_loadXML(in.c_str(), nullptr, error, sizeof error));
   if (!model) return tl::unexpected(std::string(error));
-  if (!mj_saveLastXML(out.path.c_str(), model.get(), error, sizeof error)) return work_failed(error);
-  return mujoco::read_text(out.path);
+  if (!mj_saveLastXML(out.c_str(), model.get(), error, sizeof error)) return work_failed(error);
+  return mujoco::read_text(out);
 }
 
 /// One line, without the engine's position, which is that of a file that the user never saw.
@@ -215,7 +210,9 @@ Result<void> read_urdf(ForeignModel& foreign, const mujoco::Source& source, cons
       mjcf = again;
     }
   }
-  if (!mjcf) return tl::unexpected(fmt::format("{}: {}", file.string(), plain(mjcf.error().message)));
+  if (!mjcf)
+    return tl::make_unexpected(
+        Error(fmt::format("{}: {}", file.string(), plain(mjcf.error().message)), mjcf.error().kind));
   foreign.document = std::make_unique<pugi::xml_document>();
   foreign.document->load_string(mjcf->c_str());
   auto model = compiled(foreign, file.has_parent_path() ? file.parent_path() : ".");

@@ -154,6 +154,9 @@ for name, arguments, says in (
 cut = content("arm.urdf")
 with open(path("cut.urdf"), "w") as f:
     f.write(cut[: len(cut) // 2])
+nowhere = {**os.environ, "TMPDIR": "/nonexistent"}
+r = run("add-drives", "arm.urdf", "-o", "x.xml", env=nowhere)
+check_refused("no folder for temporary files", r, ["arm.urdf: ", "set TMPDIR"], 1)
 check_refused("a cut file", add("cut.urdf", "-o", "x.xml"), ["cut.urdf:", "not well-formed"], lines=None)
 check(
     "nothing is left of them", sorted(set(os.listdir(harness.work)) - {"cut.urdf"}) == before, os.listdir(harness.work)
