@@ -123,7 +123,8 @@ fs::path mesh_file(std::string name, const fs::path& folder, const fs::path& mes
   if (name.starts_with(package)) {
     const fs::path path = name.substr(package.size());
     fs::path below;
-    for (auto part = std::next(path.begin()); part != path.end(); ++part) below /= *part;
+    for (auto part = path.begin(); part != path.end(); ++part)
+      if (part != path.begin()) below /= *part;
     for (fs::path up = fs::absolute(folder).lexically_normal();; up = up.parent_path()) {
       candidates.insert(candidates.end(), {up / path, up / below});
       if (up == up.parent_path()) break;
@@ -148,14 +149,17 @@ fs::path mesh_file(std::string name, const fs::path& folder, const fs::path& mes
   return {};
 }
 
-/// Meshes get absolute names; those that cannot be read are taken out.
-void resolve_meshes(pugi::xml_document& urdf, const fs::path& folder, std::vector<std::string>& notes) {
+/// Meshes get absolute names; those that are not there are taken out. Fails where one is too long to be read.
+Result<void> resolve_meshes(const mujoco::Source& source, const fs::path& folder, std::vector<std::string>& notes) {
+  const pugi::xml_document& urdf = *source.document;
   const fs::path meshdir = urdf.select_node("/robot/mujoco/compiler[@meshdir]").node().attribute("meshdir").value();
   std::vector<std::string> missing;
   for (const auto& match : urdf.select_nodes("//geometry/mesh")) {
     pugi::xml_node mesh = match.node(), shape = mesh.parent().parent();
     const std::string given = mesh.attribute("filename").value();
     if (const fs::path found = mesh_file(given, folder, meshdir); !found.empty()) {
+      if (const auto ok = check_input_file(found, "a file of a model", limits::asset_bytes, Pipes::refuse); !ok)
+        return tl::unexpected(fmt::format("{}: {}", mujoco::at(source, mesh), ok.error().message));
       mesh.attribute("filename") = found.c_str();
       continue;
     }
@@ -165,6 +169,7 @@ void resolve_meshes(pugi::xml_document& urdf, const fs::path& folder, std::vecto
   if (!missing.empty())
     notes.push_back(fmt::format("{} of its meshes left out, because the file does not exist or is no STL or OBJ: {}{}",
                                 missing.size(), missing.front(), missing.size() > 1 ? ", ..." : ""));
+  return {};
 }
 
 /// The engine's own MJCF of a URDF.
@@ -193,7 +198,8 @@ Result<void> read_urdf(ForeignModel& foreign, const mujoco::Source& source, cons
   if (const auto known = check_joint_types(source); !known) return known;
   pugi::xml_document& urdf = *source.document;
   foreign.limits = limits_of(urdf);
-  resolve_meshes(urdf, file.parent_path(), foreign.notes);
+  const fs::path folder = file.has_parent_path() ? file.parent_path() : ".";
+  if (const auto ok = resolve_meshes(source, folder, foreign.notes); !ok) return ok;
   pugi::xml_node robot = urdf.document_element();
   if (!robot.child("mujoco")) robot.append_child("mujoco");
   pugi::xml_node compiler = robot.child("mujoco").child("compiler");
@@ -215,7 +221,7 @@ Result<void> read_urdf(ForeignModel& foreign, const mujoco::Source& source, cons
         Error(fmt::format("{}: {}", file.string(), plain(mjcf.error().message)), mjcf.error().kind));
   foreign.document = std::make_unique<pugi::xml_document>();
   foreign.document->load_string(mjcf->c_str());
-  auto model = compiled(foreign, file.has_parent_path() ? file.parent_path() : ".");
+  auto model = compiled(foreign, folder);
   if (!model) return tl::unexpected(fmt::format("{}: as MJCF: {}", file.string(), model.error().message));
   foreign.model = *model;
   return {};
