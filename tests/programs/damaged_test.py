@@ -1,7 +1,7 @@
 """Programs on damaged inputs: cut off at several lengths, with bits that are others, and on what is no such file at
 all. Each run ends in time with exit code 0, 1 or 2; where it is not 0, with one message of ours that names the file,
 and no word of a library. Arguments: tribotwin, tribotwin-hil, source tree; by hand also how many flips (8)."""
-import concurrent.futures, json, os, random, re, shutil, sys
+import concurrent.futures, json, os, random, re, shutil, signal, sys
 
 import h5py
 import numpy as np
@@ -97,6 +97,11 @@ with h5py.File(path("plant.h5"), "w") as f:
         f[column] = np.array(values, h5py.string_dtype() if text else float)
 learned = run(tribotwin, "fleet", "learn", "plant.h5", "-o", "plant.db")
 check("the whole table is learned", learned.returncode == 0, learned.stderr)
+
+# A caller that ignores SIGCHLD leaves that to its programs.
+for command in ((tribotwin, "recover", "whole"), (tribotwin, "fleet", "learn", "plant.h5", "-o", "ignored.db")):
+    process = run(*command, preexec_fn=lambda: signal.signal(signal.SIGCHLD, signal.SIG_IGN))
+    check(f"{command[1]} where SIGCHLD is ignored", process.returncode == 0, process.stderr)
 
 # ---- Damaged ones.
 try_all("scenario", "s.yaml", scenario, lambda f, to: (tribotwin, "run", f, "-o", to + "/out", *SHORT))
