@@ -155,9 +155,29 @@ with h5py.File(path("vast.h5"), "w") as f:
     for column in columns:
         f.create_dataset(column, (1 << 31,), "f8", chunks=(1024,))
 learn = (tribotwin, "fleet", "learn", "-o", "new.db")
+# Many of everything: a reader whose time grows with the square would not be done in time.
+names = [f"position_j{joint}_rad" for joint in range(90_000)]
+write("wide.csv", "".join(",".join(["time_s", *row]) + "\n" for row in (names, ["0"] * len(names))).encode())
+write(
+    "many.xml",
+    b'<mujoco><extension><plugin plugin="tribotwin.drive"><instance name="a">\n'
+    + b'<config key="a" value="some text"/>\n' * 300_000
+    + b'<config value="1" of="nothing"/></instance></plugin></extension></mujoco>',
+)
+write(
+    "many.dbc",
+    "".join(f"BO_ {2**31 + i} M{i}: 8 A\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" B\n" for i in range(100_000)).encode()
+    + b"SIG_VALTYPE_ 2147583648 t : 1;\n",
+)
 for name, command in (
     ("fifo.h5", (*learn, "fifo.h5")),
     ("vast.h5", (*learn, "vast.h5")),
+    ("wide.csv", (tribotwin, "identify", "--law", "stribeck", "wide.csv")),
+    ("many.xml", (tribotwin, "curve", "many.xml", "--joint", "joint2")),
+    (
+        "many.dbc",
+        (hil, "shadow", "scenario.yaml", "--can", "log:whole.log", "--map", "many.dbc", "--signal", "torque=M1.s"),
+    ),
     ("/dev/zero", (tribotwin, "run", "/dev/zero", "-o", "out")),
     ("folder", (tribotwin, "run", "folder", "-o", "out")),
     ("bomb.yaml", (tribotwin, "run", "bomb.yaml", "-o", "out")),
