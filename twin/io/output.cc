@@ -103,7 +103,7 @@ void report_text(std::string_view text) {
   for (const auto& [word, colour] :
        {std::pair<std::string_view, std::string_view>{"note:", cyan}, {"warning:", yellow}})
     if (text.starts_with(word)) {
-      (void)write_all(STDERR_FILENO, message(text, word.size(), colour));
+      (void)write_all(STDERR_FILENO, message(without_controls(std::string(text)), word.size(), colour));
       return;
     }
   (void)write_all(STDERR_FILENO, text);

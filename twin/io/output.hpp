@@ -18,7 +18,8 @@ enum Exit { done = 0, failed = 1, wrong_input = 2, limit_exceeded = 3 };
 void prepare_streams();
 
 /// Text to stdout (results only) and to stderr (everything else), whole, also into a pipe that is slow. "note:" and
-/// "warning:" at the beginning of a message are coloured where the stream is.
+/// "warning:" at the beginning of a message are coloured where the stream is; control characters behind them are shown
+/// as \\xNN.
 void print_text(std::string_view text);
 void report_text(std::string_view text);
 

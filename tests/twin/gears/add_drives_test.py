@@ -154,6 +154,16 @@ for name, arguments, says in (
 cut = content("arm.urdf")
 with open(path("cut.urdf"), "w") as f:
     f.write(cut[: len(cut) // 2])
+with open(path("red.urdf"), "w") as f:
+    f.write(content("arm.urdf").replace('joint name="shoulder"', 'joint name="sh&#27;[31mRED"'))
+r = add("red.urdf", "-o", "red.xml")
+check(
+    "names in notes do not steer the terminal",
+    r.returncode == 0 and "\x1b" not in r.stderr and "sh\\x1b[31mRED" in r.stderr,
+    (r.returncode, r.stderr),
+)
+for name in ("red.urdf", "red.xml", "red.yaml"):
+    os.remove(path(name))
 with open(path("bare.urdf"), "w") as f:
     f.write(content("arm.urdf").replace('<cylinder radius="0.08" length="0.2"/>', '<mesh filename="package://"/>'))
 r = add("bare.urdf", "-o", "bare.xml")
