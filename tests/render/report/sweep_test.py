@@ -176,6 +176,23 @@ check_refused("a torn table", run(report, "sweep", "runs/torn"), ["results.csv:4
 write("runs/torn/results.csv", content("runs/small/results.csv"))
 write("runs/torn/statistics.json", "{}")
 check_refused("torn statistics", run(report, "sweep", "runs/torn"), ["statistics.json"], 2, lines=None)
+for keys, value, says in (
+    (("stopped",), 1, "stopped: must be a text"),
+    (("notes",), {}, "notes: must be a list"),
+    (("outputs", "heat_J", "count"), "many", "count: must be a number"),
+    (("outputs", "heat_J", "mean"), {}, "mean: has no 'value'"),
+    (("outputs", "heat_J", "mean", "confidence_95"), [1], "confidence_95: has 1 entries but must have 2"),
+    (("outputs", "heat_J", "quantiles"), [1], "quantiles 1: has no 'probability'"),
+    (("outputs", "heat_J", "rank_correlations"), {"a": 1}, "rank_correlations: a: has no 'value'"),
+):
+    changed = json.loads(content("runs/small/statistics.json"))
+    place = changed
+    for key in keys[:-1]:
+        place = place[key]
+    place[keys[-1]] = value
+    write("runs/torn/statistics.json", json.dumps(changed))
+    r = run(report, "sweep", "runs/torn")
+    check_refused(f"statistics.json: {says}", r, ["runs/torn/statistics.json: ", says], 2, lines=None)
 
 # A grid with words, runs that fail, indices.
 write("other.xml", PENDULUM.replace('"0.03"', '"0.04"'))
