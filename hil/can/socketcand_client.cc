@@ -155,7 +155,7 @@ class Client final : public Transport, public Pollable {
 
   void lose(const std::string& why) {
     if (up()) ++counters_.link_losses;
-    refusal_ = why;
+    refusal_ = without_controls(why);
     phase_ = Phase::connecting;
     socket_ = Descriptor();
     retry_at_ns_ = clock_ns() + retry_ns;

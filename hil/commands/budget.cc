@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/hil/commands/can_options.hpp>
+#include <tribotwin/twin/io/json.hpp>
 
 namespace tribotwin::hil::program {
 namespace {
@@ -44,7 +45,7 @@ int run(const Arguments& a) {
     json["buses"].push_back(json_of(load, bus < names.size() ? names[bus] : ""));
     most = std::max(most, load.max);
   }
-  deliver(scenario, a.destination, a.json ? json.dump(2) + "\n" : text);
+  deliver(scenario, a.destination, a.json ? twin::dump_json(json, 2) + "\n" : text);
   if (most > 1)
     return report_error(twin::wrong_input,
                         "more than the bus can carry; choose a longer cycle or fewer drives on one bus");

@@ -8,6 +8,7 @@
 #include <tribotwin/hil/session/replay.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/live/web_options.hpp>
 
 namespace tribotwin::hil::program {
@@ -52,7 +53,7 @@ std::string json_of(const ReplayResult& r) {
                                     {"silent", r.silent},
                                     {"interrupted", r.interrupted},
                                     {"first_difference", r.first_difference}};
-  return json.dump(2) + "\n";
+  return twin::dump_json(json, 2) + "\n";
 }
 
 /// The exit code of a replay that came to an end; says why it is not 0.

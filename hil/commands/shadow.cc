@@ -12,6 +12,7 @@
 #include <tribotwin/hil/shadow/foreign_drives.hpp>
 #include <tribotwin/hil/shadow/shadow.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/live/web_options.hpp>
 
 namespace tribotwin::hil::program {
@@ -151,7 +152,7 @@ std::string json_of(const ShadowResult& r) {
     one["exceeded"] = j.exceeded;
     json["joints"].push_back(std::move(one));
   }
-  return json.dump(2) + "\n";
+  return twin::dump_json(json, 2) + "\n";
 }
 
 /// What the file beside a log says about how it must be read.

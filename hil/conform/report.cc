@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/hil/conform/report.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::hil {
@@ -70,7 +71,7 @@ std::string to_json(const ConformReport& r) {
                                     {"not_run", r.count(Verdict::not_run)},
                                     {"notes", r.notes},
                                     {"checks", checks}};
-  return json.dump(2) + "\n";
+  return twin::dump_json(json, 2) + "\n";
 }
 
 std::string checks_markdown() {

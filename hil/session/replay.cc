@@ -13,6 +13,7 @@
 #include <tribotwin/hil/session/expected_frames.hpp>
 #include <tribotwin/hil/session/replay.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
+#include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -253,11 +254,14 @@ class Replay {
 
   Status happen(const Turn& turn) try {
     for (const std::string& text : turn.events) {
-      const YAML::Node event = YAML::Load(text);
+      const YAML::Node event = twin::parse_yaml(text, "an event");
       bench_.plant().happen(event);
       if (o_.events.happened) o_.events.happened(time_s(), event);
     }
     return {};
+  } catch (const YAML::Exception& wrong) {
+    return tl::unexpected(
+        fmt::format("{}: has an event that is no well-formed YAML: {}", session_->file().string(), wrong.msg));
   } catch (const std::exception& wrong) {
     return tl::unexpected(
         fmt::format("{}: has an event that this scenario cannot have: {}", session_->file().string(), wrong.what()));

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/hil/session/statistics.hpp>
+#include <tribotwin/twin/io/json.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -108,7 +109,7 @@ std::string statistics_json(const Bench& bench, std::span<const MeasuredBus> bus
     for (const auto& [key, value] : bench.drives()[i]->counts()) drive[key] = value;
     json["drives"].push_back(std::move(drive));
   }
-  return json.dump(2) + "\n";
+  return twin::dump_json(json, 2) + "\n";
 }
 
 }  // namespace tribotwin::hil

@@ -1,6 +1,10 @@
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <regex>
+#include <string>
+#include <unordered_map>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -61,11 +65,13 @@ class Reader {
     m.size = independent ? longest_frame : *size;
     if (m.size > longest_frame)
       leave_out(m, line, fmt::format("{} bytes are more than a frame of at most {}", m.size, longest_frame));
-    for (const DbcMessage& other : messages)
-      if (other.name == m.name || (other.id == m.id && other.extended == m.extended))
-        return tl::unexpected(
-            fmt::format("message {} has the name or the identifier of {} in line {}", m.name, other.name, other.line));
+    const auto named = by_name_.try_emplace(m.name, messages.size()).first;
+    const auto numbered = by_id_.try_emplace(key(m.id, m.extended), messages.size()).first;
+    if (const std::size_t first = std::min(named->second, numbered->second); first < messages.size())
+      return tl::unexpected(fmt::format("message {} has the name or the identifier of {} in line {}", m.name,
+                                        messages[first].name, messages[first].line));
     messages.push_back(std::move(m));
+    signals_.emplace_back();
     return {};
   }
 
@@ -107,10 +113,11 @@ class Reader {
                                         s.signal.bytes(), m.name, m.size));
     s.selects = found[2] == "M";
     if (found[2].matched && !s.selects && !m.unreadable) s.selection = number<std::uint64_t>(found[2].str().substr(1));
-    for (const DbcSignal& other : m.signals)
-      if (other.name == s.name)
-        return tl::unexpected(
-            fmt::format("signal {} is in message {} already, in line {}", s.name, m.name, other.line));
+    Signals& known = signals_.back();
+    if (const auto [other, fresh] = known.by_name.try_emplace(s.name, m.signals.size()); !fresh)
+      return tl::unexpected(
+          fmt::format("signal {} is in message {} already, in line {}", s.name, m.name, m.signals[other->second].line));
+    if (s.selects && !known.multiplexor) known.multiplexor = m.signals.size();
     m.signals.push_back(std::move(s));
     return {};
   }
@@ -122,16 +129,15 @@ class Reader {
     std::smatch found;
     if (!begins(text, found, form))
       return tl::unexpected(std::string("is no range: SG_MUL_VAL_ ID SIGNAL MULTIPLEXOR 0-0, 2-3;"));
-    const auto id = number<std::uint32_t>(found[1]);
-    for (DbcMessage& m : messages) {
-      if (!id || m.id != (*id & ~extended_id) || m.extended != ((*id & extended_id) != 0)) continue;
-      const auto s = std::ranges::find(m.signals, found[2].str(), &DbcSignal::name);
-      const bool simple = s != m.signals.end() && m.multiplexor() && m.multiplexor()->name == found[3] &&
-                          found[6] == ";" && found[4] == found[5] && s->selection == number<std::uint64_t>(found[4]);
-      if (!simple) leave_out(m, line, fmt::format("signal {} has extended multiplexing (SG_MUL_VAL_)", found[2].str()));
-      return {};
-    }
-    return tl::unexpected(fmt::format("there is no message {}", found[1].str()));
+    const auto at = message_of(found[1]);
+    if (!at) return tl::unexpected(fmt::format("there is no message {}", found[1].str()));
+    const auto& multiplexor = signals_[*at].multiplexor;
+    const DbcSignal* s = signal_of(*at, found[2]);
+    const bool simple = s && multiplexor && messages[*at].signals[*multiplexor].name == found[3] && found[6] == ";" &&
+                        found[4] == found[5] && s->selection == number<std::uint64_t>(found[4]);
+    if (!simple)
+      leave_out(messages[*at], line, fmt::format("signal {} has extended multiplexing (SG_MUL_VAL_)", found[2].str()));
+    return {};
   }
 
   static void leave_out(DbcMessage& m, std::size_t line, const std::string& why) {
@@ -143,25 +149,44 @@ class Reader {
     static const std::regex form(R"(\s*SIG_VALTYPE_\s+(\d+)\s+(\w+)\s*:?\s*([0-3])\s*;)");
     std::smatch found;
     if (!begins(text, found, form)) return tl::unexpected(std::string("is no type: SIG_VALTYPE_ ID SIGNAL : 0..3;"));
-    const auto id = number<std::uint32_t>(found[1]);
-    for (DbcMessage& m : messages)
-      for (DbcSignal& s : m.signals) {
-        if (!id || m.id != (*id & ~extended_id) || m.extended != ((*id & extended_id) != 0) || s.name != found[2])
-          continue;
-        if (found[3] == "0") return {};
-        if (s.signal.bits != (found[3] == "1" ? 32 : 64))
-          return tl::unexpected(fmt::format("signal {} has {} bits; as a floating-point number it has {}", s.name,
-                                            s.signal.bits, found[3] == "1" ? 32 : 64));
-        s.signal.kind = Signal::Kind::is_float;
-        return {};
-      }
-    return tl::unexpected(fmt::format("there is no signal {} in a message {}", found[2].str(), found[1].str()));
+    const auto at = message_of(found[1]);
+    DbcSignal* s = at ? signal_of(*at, found[2]) : nullptr;
+    if (!s) return tl::unexpected(fmt::format("there is no signal {} in a message {}", found[2].str(), found[1].str()));
+    if (found[3] == "0") return {};
+    if (s->signal.bits != (found[3] == "1" ? 32 : 64))
+      return tl::unexpected(fmt::format("signal {} has {} bits; as a floating-point number it has {}", s->name,
+                                        s->signal.bits, found[3] == "1" ? 32 : 64));
+    s->signal.kind = Signal::Kind::is_float;
+    return {};
+  }
+
+  static std::uint64_t key(std::uint32_t id, bool extended) { return id | (std::uint64_t{extended} << 32); }
+  /// Its place by the ID of a line, bit 31 of which marks one of 29 bits.
+  std::optional<std::size_t> message_of(const std::string& text) const {
+    const auto id = number<std::uint32_t>(text);
+    if (!id) return std::nullopt;
+    const auto found = by_id_.find(key(*id & ~extended_id, (*id & extended_id) != 0));
+    return found == by_id_.end() ? std::nullopt : std::optional(found->second);
+  }
+  DbcSignal* signal_of(std::size_t message, const std::string& name) {
+    const auto& names = signals_[message].by_name;
+    const auto found = names.find(name);
+    return found == names.end() ? nullptr : &messages[message].signals[found->second];
   }
 
   /// Without regex_match and a ".*" at the end, whose recursion grows with the line.
   static bool begins(const std::string& text, std::smatch& found, const std::regex& form) {
     return std::regex_search(text, found, form, std::regex_constants::match_continuous);
   }
+
+  /// Of one message: places by name, and that of the first multiplexor.
+  struct Signals {
+    std::unordered_map<std::string, std::size_t> by_name;
+    std::optional<std::size_t> multiplexor;
+  };
+  std::unordered_map<std::string, std::size_t> by_name_;
+  std::unordered_map<std::uint64_t, std::size_t> by_id_;
+  std::vector<Signals> signals_;  // in the order of `messages`
 };
 
 }  // namespace

@@ -35,15 +35,17 @@ constexpr double model_pixels = 4096;             ///< each side of a texture or
 
 // Tables
 constexpr std::size_t csv_line_bytes = 16 * MiB;
-constexpr std::uintmax_t array_bytes = 4 * GiB;      ///< of one array or column in memory
-constexpr std::size_t array_columns = 100'000;       ///< of all arrays of a file
-constexpr std::size_t archive_files = 10'000;        ///< in an .npz
-constexpr std::size_t numpy_header_bytes = MiB;      ///< of one array
-constexpr std::size_t matlab_variables = 100'000;    ///< of a file of version 4 to 7
-constexpr std::size_t struct_depth = 8;              ///< MATLAB structs in each other
-constexpr std::uintmax_t mcap_chunk_bytes = GiB;     ///< uncompressed
-constexpr std::uintmax_t best_compression = 1100;    ///< of deflate: a file cannot hold more times its own length
-constexpr std::uintmax_t library_bytes = 256 * MiB;  ///< for HDF5 or MATLAB's format beyond what the file can hold
+constexpr std::uintmax_t array_bytes = 4 * GiB;        ///< of one array or column in memory
+constexpr std::size_t array_columns = 100'000;         ///< of all arrays of a file
+constexpr std::size_t archive_files = 10'000;          ///< in an .npz
+constexpr std::size_t numpy_header_bytes = MiB;        ///< of one array
+constexpr std::size_t matlab_variables = 100'000;      ///< of a file of version 4 to 7
+constexpr std::size_t struct_depth = 8;                ///< MATLAB structs in each other
+constexpr std::uintmax_t csv_numbers_bytes = 8 * GiB;  ///< in memory, of one CSV: two days of four columns at 1 kHz
+constexpr std::uintmax_t csv_text_bytes = 256 * MiB;   ///< of a small CSV whose cells are kept as text
+constexpr std::uintmax_t mcap_chunk_bytes = GiB;       ///< uncompressed; also of any record as it is in the file
+constexpr std::uintmax_t best_compression = 1100;      ///< of deflate: a file cannot hold more times its own length
+constexpr std::uintmax_t library_bytes = 256 * MiB;    ///< for HDF5 or MATLAB's format beyond what the file can hold
 constexpr std::uintmax_t hdf5_chunk_bytes = 64 * MiB;
 constexpr std::size_t hdf5_text_bytes = MiB;  ///< of an attribute
 constexpr std::size_t hdf5_links = 10'000;    ///< of a group

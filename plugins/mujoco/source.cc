@@ -105,8 +105,14 @@ Problem out_of_range(const Source& source) {
   return problem;
 }
 
+constexpr std::ptrdiff_t block = 4096;  ///< of Source::breaks [bytes]
+
 Result<Source> parse(std::string name, std::string text) {
   Source source{std::move(name), std::move(text)};
+  source.breaks.push_back(0);
+  for (std::ptrdiff_t at = 0; at + block <= std::ssize(source.text); at += block)
+    source.breaks.push_back(source.breaks.back() +
+                            std::count(source.text.begin() + at, source.text.begin() + at + block, '\n'));
   if (const auto tags = std::count(source.text.begin(), source.text.end(), '<'); tags > limits::model_tags)
     return tl::unexpected(
         fmt::format("{}: has {} tags, but at most {} are read of a file", source.name, tags, limits::model_tags));
@@ -214,7 +220,10 @@ const std::regex& position() {
 }  // namespace
 
 std::ptrdiff_t Source::line(std::ptrdiff_t offset) const {
-  return 1 + std::count(text.begin(), text.begin() + std::min<std::ptrdiff_t>(offset, std::ssize(text)), '\n');
+  offset = std::clamp<std::ptrdiff_t>(offset, 0, std::ssize(text));
+  const std::ptrdiff_t begin = offset / block;
+  return 1 + breaks[static_cast<std::size_t>(begin)] +
+         std::count(text.begin() + begin * block, text.begin() + offset, '\n');
 }
 
 std::string at(const Source& source, pugi::xml_node element) {

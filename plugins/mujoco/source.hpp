@@ -22,7 +22,9 @@ struct Source {
   std::string name;  // for messages
   std::string text;
   std::unique_ptr<pugi::xml_document> document = std::make_unique<pugi::xml_document>();
+  std::vector<std::ptrdiff_t> breaks;  ///< line feeds before each block of the text, so that line() is quick
 
+  /// Of a place in the text, from 1.
   std::ptrdiff_t line(std::ptrdiff_t offset) const;
 };
 

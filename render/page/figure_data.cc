@@ -6,6 +6,7 @@
 
 #include <tribotwin/render/page/figure_data.hpp>
 #include <tribotwin/render/theme/theme.hpp>
+#include <tribotwin/twin/io/json.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -83,7 +84,7 @@ std::string figure_data(const Figure& f) {
   json data{{"title", printable(f.title)}, {"x", axis(f.x)}, {"y", axis(f.y)}, {"series", std::move(all)}};
   if (f.colour) data["colour"] = axis(*f.colour);
   std::string out;
-  for (const char c : data.dump())
+  for (const char c : twin::dump_json(data))
     if (c == '<' || c == '>' || c == '&' || c == '\'')
       out += fmt::format("\\u{:04x}", static_cast<int>(c));
     else

@@ -11,6 +11,7 @@
 #include <tribotwin/render/figure/figures.hpp>
 #include <tribotwin/render/page/kernel.hpp>
 #include <tribotwin/render/page/what_if.hpp>
+#include <tribotwin/twin/io/json.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -121,7 +122,7 @@ void add_sliders(IllustratedPage& page, pugi::xml_node grid, const char* kind, s
   for (const auto bytes : numbers) all["numbers"].push_back(base64(bytes));
   auto figure = grid.last_child();
   figure.append_attribute("data-kernel") = base64(kernel_files()[0].content).c_str();
-  figure.append_attribute("data-what-if") = all.dump().c_str();
+  figure.append_attribute("data-what-if") = twin::dump_json(all).c_str();
   page.allow_kernel();
 }
 

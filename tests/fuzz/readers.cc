@@ -11,6 +11,7 @@
 #include <tribotwin/tests/fuzz/reader.hpp>
 #include <tribotwin/twin/commands/calibrate/campaign.hpp>
 #include <tribotwin/twin/commands/robot.hpp>
+#include <tribotwin/twin/diagnosis/fleet/model_text.hpp>
 #include <tribotwin/twin/diagnosis/healthy_file.hpp>
 #include <tribotwin/twin/diagnosis/observation.hpp>
 #include <tribotwin/twin/experiments/fault_study/study.hpp>
@@ -27,6 +28,7 @@
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/robot/recording.hpp>
+#include <tribotwin/twin/simulation/event.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
 
 namespace tribotwin::fuzz {
@@ -48,6 +50,20 @@ void read_session(const Path& file) {
   Result<bool> more = true;
   while (more && *more) more = session->next(turn);
   end(more);
+}
+
+/// An event of a session as a replay reads it.
+void read_event_text(const Path& file) {
+  const std::string text = content(file);
+  YAML::Node event;
+  try {
+    event = parse_yaml(text, "an event");
+  } catch (const YAML::Exception& wrong) {
+    return check_message(wrong.msg);
+  }
+  const std::string type = Mapping("an event", "", event).text("type");
+  (void)read_event(Mapping(type, "", event), *robot().model, 3600);
+  ++read_whole;
 }
 
 void read_socketcand(const Path& file) {
@@ -84,6 +100,8 @@ const std::array all{
     Reader{"eds", ".eds", [](const Path& f) { end(hil::read_eds_file(f)); }},
     Reader{"dbc", ".dbc", [](const Path& f) { end(hil::read_dbc(f)); }},
     Reader{"session", ".session", read_session},
+    Reader{"event", ".yaml", read_event_text},
+    Reader{"model", ".json", [](const Path& f) { diagnosis::fleet::from_text(content(f), f.string()), ++read_whole; }},
     Reader{"socketcand", ".txt", read_socketcand},
 };
 

@@ -1,8 +1,11 @@
 """Programs on damaged inputs: cut off at several lengths, with bits that are others, and on what is no such file at
 all. Each run ends in time with exit code 0, 1 or 2; where it is not 0, with one message of ours that names the file,
 and no word of a library. Arguments: tribotwin, tribotwin-hil, source tree; by hand also how many flips (8)."""
-import concurrent.futures, os, random, re, shutil, sys
+import concurrent.futures, json, os, random, re, shutil, signal, sys
 
+import h5py
+import numpy as np
+from fleet_plant import HEADER, Plant
 from foreign import FOREIGN
 from harness import check, content, finish, path, run
 
@@ -87,6 +90,18 @@ log = "".join(f"({1 + n / 500:017.6f}) can0 {frame}\n" for n, frame in enumerate
 write("whole.log", log.encode())
 compared = run(hil, "replay", "scenario.yaml", "whole.log", "--fast")
 check("the whole log is compared", compared.returncode == 1 and "106 frames" in compared.stdout, compared.stderr)
+columns = dict(zip(HEADER.split(","), zip(*(row.split(",") for row in Plant(2).rows(6)))))
+with h5py.File(path("plant.h5"), "w") as f:
+    for column, values in columns.items():
+        text = column in ("robot", "joint", "date")
+        f[column] = np.array(values, h5py.string_dtype() if text else float)
+learned = run(tribotwin, "fleet", "learn", "plant.h5", "-o", "plant.db")
+check("the whole table is learned", learned.returncode == 0, learned.stderr)
+
+# A caller that ignores SIGCHLD leaves that to its programs.
+for command in ((tribotwin, "recover", "whole"), (tribotwin, "fleet", "learn", "plant.h5", "-o", "ignored.db")):
+    process = run(*command, preexec_fn=lambda: signal.signal(signal.SIGCHLD, signal.SIG_IGN))
+    check(f"{command[1]} where SIGCHLD is ignored", process.returncode == 0, process.stderr)
 
 # ---- Damaged ones.
 try_all("scenario", "s.yaml", scenario, lambda f, to: (tribotwin, "run", f, "-o", to + "/out", *SHORT))
@@ -107,6 +122,25 @@ try_all("log", "l.log", log.encode(), lambda f, to: (hil, "replay", "scenario.ya
 with open(f"{source}/mjcf/irb6620.xml", "rb") as f:
     model = f.read()
 try_all("model", "m.xml", model, lambda f, to: (tribotwin, "curve", f, "--joint", "joint2"))
+try_all(
+    "table",
+    "t.h5",
+    bytes_of("plant.h5"),
+    lambda f, to: (tribotwin, "fleet", "learn", f, "-o", to + "/plant.db", "--quiet"),
+)
+
+# ---- Names that are not UTF-8, in JSON.
+named = os.fsdecode(b"named \xff")
+shutil.copytree(path("whole"), path(named))
+for command in (
+    (tribotwin, "recover", named, "--json"),
+    (tribotwin, "export", named, "--csv", "--json"),
+    (tribotwin, "fleet", "learn", "plant.h5", "-o", named + ".db", "--json"),
+    (hil, "replay", "scenario.yaml", "whole.log", "--fast", "-o", named + ".run", "--json"),
+):
+    process = run(*command, errors="replace")
+    good = process.returncode in (0, 1) and isinstance(json.loads(process.stdout or "0"), dict)
+    check(f"{command[1]} --json where a name has any bytes", good, (process.returncode, process.stderr[-300:]))
 
 # ---- What is no such file at all.
 os.mkdir(path("folder"))
@@ -116,7 +150,34 @@ write(
     b"a: &a [0,0,0,0,0,0,0,0]\n"
     + b"".join(b"%c: &%c [%s]\n" % (98 + i, 98 + i, b",".join([b"*%c" % (97 + i)] * 9)) for i in range(9)),
 )
+os.mkfifo(path("fifo.h5"))
+with h5py.File(path("vast.h5"), "w") as f:
+    for column in columns:
+        f.create_dataset(column, (1 << 31,), "f8", chunks=(1024,))
+learn = (tribotwin, "fleet", "learn", "-o", "new.db")
+# Many of everything: a reader whose time grows with the square would not be done in time.
+names = [f"position_j{joint}_rad" for joint in range(90_000)]
+write("wide.csv", "".join(",".join(["time_s", *row]) + "\n" for row in (names, ["0"] * len(names))).encode())
+write(
+    "many.xml",
+    b'<mujoco><extension><plugin plugin="tribotwin.drive"><instance name="a">\n'
+    + b'<config key="a" value="some text"/>\n' * 300_000
+    + b'<config value="1" of="nothing"/></instance></plugin></extension></mujoco>',
+)
+write(
+    "many.dbc",
+    "".join(f"BO_ {2**31 + i} M{i}: 8 A\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" B\n" for i in range(100_000)).encode()
+    + b"SIG_VALTYPE_ 2147583648 t : 1;\n",
+)
 for name, command in (
+    ("fifo.h5", (*learn, "fifo.h5")),
+    ("vast.h5", (*learn, "vast.h5")),
+    ("wide.csv", (tribotwin, "identify", "--law", "stribeck", "wide.csv")),
+    ("many.xml", (tribotwin, "curve", "many.xml", "--joint", "joint2")),
+    (
+        "many.dbc",
+        (hil, "shadow", "scenario.yaml", "--can", "log:whole.log", "--map", "many.dbc", "--signal", "torque=M1.s"),
+    ),
     ("/dev/zero", (tribotwin, "run", "/dev/zero", "-o", "out")),
     ("folder", (tribotwin, "run", "folder", "-o", "out")),
     ("bomb.yaml", (tribotwin, "run", "bomb.yaml", "-o", "out")),

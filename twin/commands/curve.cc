@@ -11,6 +11,7 @@
 #include <tribotwin/twin/experiments/friction/experiment.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
@@ -81,7 +82,7 @@ std::string json_of(const drive::Drive& drive, const std::vector<CurvePoint>& po
     for (const Column& c : columns_of(drive)) point[c.name] = c.value(p, drive.torque_max_nm);
     json["points"].push_back(std::move(point));
   }
-  return json.dump(2) + "\n";
+  return dump_json(json, 2) + "\n";
 }
 
 std::string csv_of(const drive::Drive& drive, const std::vector<CurvePoint>& points) {

@@ -153,7 +153,7 @@ Result<Exit> check_curves(const Arguments& a) {
       sentences += v.sentence + "\n";
     }
   }
-  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table + "\n" + sentences, a.output); !ok) return ok;
+  if (auto ok = deliver(a.json ? dump_json(j, 2) + "\n" : table + "\n" + sentences, a.output); !ok) return ok;
   return anomalous ? limit_exceeded : done;
 }
 
@@ -205,7 +205,7 @@ Result<Exit> watch_curves(const Arguments& a) {
       fmt::format("threshold {:.3f}, {}\n", w.threshold,
                   w.first_alarm ? fmt::format("first exceeded by observation {}", *w.first_alarm + 1) : "not exceeded");
   if (w.margin) table += text_of(*w.margin);
-  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table, a.output); !ok) return ok;
+  if (auto ok = deliver(a.json ? dump_json(j, 2) + "\n" : table, a.output); !ok) return ok;
   return w.first_alarm ? limit_exceeded : done;
 }
 
@@ -241,7 +241,7 @@ Result<Exit> watch_shadow(const Arguments& a) {
   table += fmt::format(
       "threshold {:.3f}, {}\n", w->threshold,
       w->first_alarm ? fmt::format("first exceeded at {:.1f} s", w->windows[*w->first_alarm].time_s) : "not exceeded");
-  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table, a.output); !ok) return ok;
+  if (auto ok = deliver(a.json ? dump_json(j, 2) + "\n" : table, a.output); !ok) return ok;
   return w->first_alarm ? limit_exceeded : done;
 }
 

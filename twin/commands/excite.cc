@@ -12,6 +12,7 @@
 #include <tribotwin/twin/identification/experiment_design/experiment_design.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/excitation.hpp>
 
@@ -236,7 +237,7 @@ Result<Exit> execute(const Arguments& a) {
   Json j = json_of(a, motion, robot);
   if (known) j["friction"] = json_of(*found, *known, robot);
   const std::string text = text_of(a, motion, robot) + (known ? text_of(*found, *known, robot) : "");
-  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : text); !ok) return ok;
+  if (auto ok = deliver(a.json ? dump_json(j, 2) + "\n" : text); !ok) return ok;
   if (!motion.interrupted) return done;
   return work_failed(
       fmt::format("interrupted; the best motion so far is complete{}", a.output.named() ? " in " + a.output.file : ""));

@@ -13,6 +13,7 @@
 #include <tribotwin/twin/diagnosis/fleet/database/database.hpp>
 #include <tribotwin/twin/diagnosis/fleet/learning/learning.hpp>
 #include <tribotwin/twin/diagnosis/fleet/survey.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
 #include <tribotwin/twin/numerics/executor/ranks.hpp>
@@ -154,7 +155,7 @@ Result<Exit> learn(const Arguments& a) {
   }
   if (!a.quiet)
     for (const auto& text : learned.notes) note("{}", text);
-  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : table.text()); !ok) return ok;
+  if (auto ok = deliver(a.json ? dump_json(j, 2) + "\n" : table.text()); !ok) return ok;
   return end(done, failures);
 }
 
@@ -244,7 +245,7 @@ Result<Exit> survey(const Arguments& a, bool check) {
          {"joints", Json::array()}};
   for (std::size_t i = 0; i < s.listed.size(); ++i) j["joints"].push_back(json_of(s.listed[i], i + 1));
   const std::string text = s.listed.empty() ? sentence + "\n" : sentence + "\n\n" + table_of(s, check).text();
-  if (auto ok = deliver(a.json ? j.dump(2) + "\n" : text); !ok) return ok;
+  if (auto ok = deliver(a.json ? dump_json(j, 2) + "\n" : text); !ok) return ok;
   return end(s.listed.empty() ? done : limit_exceeded, failures);
 }
 

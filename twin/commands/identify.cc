@@ -13,6 +13,7 @@
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
 
@@ -193,7 +194,7 @@ Result<Exit> deliver_dynamics(const Arguments& a, const Estimates& fit, double n
                    fmt::format("normalised MSE {}\n", or_dash(normalised_mse, ".3g")));
   Json j = json_of(fit, a.law);
   j["normalised_mse"] = number(normalised_mse);
-  return deliver(j.dump(2) + "\n");
+  return deliver(dump_json(j, 2) + "\n");
 }
 
 TableOptions tables_of(const Arguments& a) {
@@ -247,8 +248,8 @@ Result<Exit> identify_shared(const Arguments& a, const friction::LawInfo& law, c
   for (const auto& [value, cost] : shared->profile)
     j["profile"].push_back({{"value", value}, {"relative_cost_increase", cost}});
   if (a.output.named())
-    if (auto ok = deliver(j.dump(2) + "\n", a.output); !ok) return ok;
-  if (a.json) return deliver(j.dump(2) + "\n");
+    if (auto ok = deliver(dump_json(j, 2) + "\n", a.output); !ok) return ok;
+  if (a.json) return deliver(dump_json(j, 2) + "\n");
   std::string s = fmt::format(
       "{} common to {} curves ({} samples), all else of law {} free at each: {:.4f} +- {:.4f}\n\n{:>10} {:>18}\n",
       a.shared, shared->curves, shared->samples, law.name, shared->value, shared->sigma, a.shared, "relative cost");
@@ -290,7 +291,7 @@ Result<Exit> identify_each(const Arguments& a, const friction::LawInfo& law, con
       s += fmt::format("  {} {:.5g} +- {:.2g}", e.name, e.value, e.sigma);
     s += "\n";
   }
-  return deliver(a.json ? Json{{"law", law.name}, {"curves", std::move(all)}}.dump(2) + "\n" : s);
+  return deliver(a.json ? dump_json(Json{{"law", law.name}, {"curves", std::move(all)}}, 2) + "\n" : s);
 }
 
 /// How well a law that was identified before predicts these data.
@@ -321,11 +322,11 @@ Result<Exit> evaluate(const Arguments& a) {
   }
   for (const double e : errors) squares += (e - mean) * (e - mean) / n;
   if (a.json)
-    return deliver(Json{{"law", law.name},
-                        {"residual", {{"mean", mean}, {"std", std::sqrt(squares)}, {"max_abs", max_error}}},
-                        {"samples", samples->size()},
-                        {"outside_range", outside}}
-                       .dump(2) +
+    return deliver(dump_json(Json{{"law", law.name},
+                                  {"residual", {{"mean", mean}, {"std", std::sqrt(squares)}, {"max_abs", max_error}}},
+                                  {"samples", samples->size()},
+                                  {"outside_range", outside}},
+                             2) +
                    "\n");
   return deliver(
       fmt::format("law {} of {}: measured - predicted: mean {:.4g}, std {:.4g}, largest {:.4g} {}; {} samples, {} of "
@@ -441,7 +442,7 @@ Result<Exit> identify_curves(const Arguments& a) {
   if (a.output.named())
     if (auto ok = deliver(to_yaml(parameter_file(fit, a.data, a.torque_max_nm, a.gear_ratio)), a.output); !ok)
       return ok;
-  if (a.json) return deliver((laws.size() > 1 ? Json{{"laws", all}} : all.front()).dump(2) + "\n");
+  if (a.json) return deliver(dump_json((laws.size() > 1 ? Json{{"laws", all}} : all.front()), 2) + "\n");
   return deliver(laws.size() > 1 ? comparison_of(candidates, a.folds > 1)
                                  : table_of(fit, candidates.front().held_out()));
 }

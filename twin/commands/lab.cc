@@ -9,6 +9,7 @@
 #include <tribotwin/twin/experiments/friction/results.hpp>
 #include <tribotwin/twin/experiments/working_days/results.hpp>
 #include <tribotwin/twin/experiments/working_days/tables.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
@@ -63,7 +64,7 @@ Result<Exit> compare_days(const Arguments& a, const repeatability::Campaign& cam
     Json json{{"tests", campaign.tests()}, {"present", results->present}};
     for (const auto& file : results->files) json["files"].push_back(file.string());
     json["warnings"] = warnings_of(campaign, results->days);
-    return deliver(json.dump(2) + "\n");
+    return deliver(dump_json(json, 2) + "\n");
   }
   if (a.quiet) return done;
   print("{} tests, {} of them from earlier runs\n\n{}written:", campaign.tests(), results->present,
@@ -79,15 +80,15 @@ Result<Exit> report(const Arguments& a, const Result<LabSummary>& summary, const
   if (!summary) return tl::unexpected(summary.error());
   const auto& drive = campaign.model->drives()[campaign.drive];
   if (a.json)
-    return deliver(Json{{"curves", summary->curves},
-                        {"present", summary->present},
-                        {"levels", summary->levels},
-                        {"outside", summary->outside},
-                        {"saturated", summary->saturated},
-                        {"starting_points", !starting_point(*campaign.model, drive).empty()},
-                        {"wall_s", summary->wall_s},
-                        {"files", written}}
-                       .dump(2) +
+    return deliver(dump_json(Json{{"curves", summary->curves},
+                                  {"present", summary->present},
+                                  {"levels", summary->levels},
+                                  {"outside", summary->outside},
+                                  {"saturated", summary->saturated},
+                                  {"starting_points", !starting_point(*campaign.model, drive).empty()},
+                                  {"wall_s", summary->wall_s},
+                                  {"files", written}},
+                             2) +
                    "\n");
   if (a.quiet) return done;
   print("{} curves, {} of them from earlier runs, {} levels, {:.1f} s\n", summary->curves, summary->present,

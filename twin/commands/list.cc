@@ -12,6 +12,7 @@
 #include <tribotwin/twin/identification/dynamic_friction/bouc_wen.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/bristles.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -150,7 +151,8 @@ std::string table(const Json& rows, bool colour) {
 Result<Exit> list(const Kind& kind, const Arguments& a) {
   const Json rows = kind.rows();
   if (rows.empty()) return work_failed(fmt::format("the {} are not where they were built or installed", kind.name));
-  return deliver(a.json ? rows.dump(2) + "\n" : table(rows, !a.output.named() && coloured(Stream::output)), a.output);
+  return deliver(a.json ? dump_json(rows, 2) + "\n" : table(rows, !a.output.named() && coloured(Stream::output)),
+                 a.output);
 }
 
 }  // namespace

@@ -16,6 +16,7 @@
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/identification/verdict/torque_band.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -465,7 +466,8 @@ Result<Exit> execute(const Arguments& a) {
     for (const auto& text : warnings) note("{}", text);
     for (const auto& text : warnings_of(judgement.joints)) note("{}", text);
   }
-  return deliver(a.json ? j.dump(2) + "\n" : table.text() + words_of(a, file) + "\n" + table_of(judgement.joints));
+  return deliver(a.json ? dump_json(j, 2) + "\n"
+                        : table.text() + words_of(a, file) + "\n" + table_of(judgement.joints));
 }
 
 }  // namespace

@@ -15,6 +15,7 @@
 #include <tribotwin/twin/identification/samples/recording.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 #include <tribotwin/twin/robot/native_model.hpp>
 
@@ -36,7 +37,7 @@ Result<Exit> recover_record(const std::string& directory, bool json) {
     const nlohmann::ordered_json done_so{{"file", directory + "/telemetry.h5"},  {"was_complete", result->was_plain},
                                          {"samples", result->samples},           {"last_time_s", result->last_time_s},
                                          {"lost_samples", result->lost_samples}, {"lost_cycles", result->lost_cycles}};
-    return deliver(done_so.dump(2) + "\n");
+    return deliver(dump_json(done_so, 2) + "\n");
   }
   if (result->was_plain) {
     print("{}/telemetry.h5 is a complete HDF5 file without damage; there was nothing to recover\n", directory);

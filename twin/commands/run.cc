@@ -16,6 +16,7 @@
 #include <tribotwin/twin/commands/program.hpp>
 #include <tribotwin/twin/experiments/unfinished_runs.hpp>
 #include <tribotwin/twin/io/interrupt.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/telemetry/run_folder.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -153,7 +154,7 @@ std::string varied_summary(const std::vector<Json>& reports) {
   for (std::size_t i = 1; i < reports.size(); ++i)
     for (const auto& [key, list] : reports[i]["summary"].items())
       for (const Json& entry : list) all[key].push_back(entry);
-  return all.dump(2) + "\n";
+  return dump_json(all, 2) + "\n";
 }
 
 void print_varied(const std::vector<Json>& reports, const fs::path& directory) {
@@ -307,22 +308,22 @@ Result<Outcome> run_all(const Arguments& a, const std::vector<Variation>& all, c
                     .identity = identity,
                     .work = [&](std::size_t i, const std::string& attempt) -> Result<std::string> {
                       if (attempt == again || !resumed->empty()) UnfinishedRuns::clear(output / all[i].folder);
-                      const auto summary =
-                          twin::run(scenarios[i], {.directory = output / all[i].folder,
-                                                   .existing = replace_if(leftovers || attempt == again),
-                                                   .realtime = a.realtime,
-                                                   .stop = &interrupted(),
-                                                   .progress = [&](double share, double) { progress.set(i, share); },
-                                                   .complete =
-                                                       [&](const Summary& whole) {
-                                                         return UnfinishedRuns::announce(
-                                                             output, all[i].folder, summary_json(whole),
-                                                             report_of({all[i].folder, all[i].settings, whole}).dump());
-                                                       },
-                                                   .now = wall_clock});
+                      const auto summary = twin::run(
+                          scenarios[i], {.directory = output / all[i].folder,
+                                         .existing = replace_if(leftovers || attempt == again),
+                                         .realtime = a.realtime,
+                                         .stop = &interrupted(),
+                                         .progress = [&](double share, double) { progress.set(i, share); },
+                                         .complete =
+                                             [&](const Summary& whole) {
+                                               return UnfinishedRuns::announce(
+                                                   output, all[i].folder, summary_json(whole),
+                                                   dump_json(report_of({all[i].folder, all[i].settings, whole})));
+                                             },
+                                         .now = wall_clock});
                       if (!summary) return tl::unexpected(summary.error());
                       if (summary->interrupted) return work_failed("interrupted");
-                      return report_of({all[i].folder, all[i].settings, *summary}).dump();
+                      return dump_json(report_of({all[i].folder, all[i].settings, *summary}));
                     },
                     .own_processes = true,
                     .present = [&](std::size_t i) { return unfinished.find(all[i].folder); },

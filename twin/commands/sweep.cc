@@ -43,13 +43,13 @@ std::string seconds(double s) {
 Result<Exit> show_status(const Arguments& a) {
   const auto status = or_throw(sweep::read_status(a.directory));
   if (a.json)
-    return deliver(Json{{"planned", status.planned},
-                        {"present", status.present},
-                        {"failed", status.failed},
-                        {"warned", status.warned},
-                        {"finished", status.finished},
-                        {"seconds_left", status.seconds_left ? Json(*status.seconds_left) : Json(nullptr)}}
-                       .dump(2) +
+    return deliver(dump_json(Json{{"planned", status.planned},
+                                  {"present", status.present},
+                                  {"failed", status.failed},
+                                  {"warned", status.warned},
+                                  {"finished", status.finished},
+                                  {"seconds_left", status.seconds_left ? Json(*status.seconds_left) : Json(nullptr)}},
+                             2) +
                    "\n");
   print("{} of {} runs, {} failed, {} warned by the health check; {}\n", status.present, status.planned, status.failed,
         status.warned,
@@ -96,16 +96,16 @@ Result<Exit> foretell(const Arguments& a, const sweep::Plan& plan) {
   const Sample sample = sample_of(plan);
   const double all_s = sweep::predicted_s(plan.runs, sample.one_s, several * threads);
   if (a.json)
-    return deliver(Json{{"runs", plan.runs},
-                        {"ranks", several},
-                        {"threads", threads},
-                        {"seconds_of_one", sample.one_s},
-                        {"seconds", all_s},
-                        {"memory_MB", sample.memory_MB},
-                        {"telemetry_MB", sample.record_MB * static_cast<double>(plan.runs)},
-                        {"status", sample.made.status},
-                        {"message", sample.made.message}}
-                       .dump(2) +
+    return deliver(dump_json(Json{{"runs", plan.runs},
+                                  {"ranks", several},
+                                  {"threads", threads},
+                                  {"seconds_of_one", sample.one_s},
+                                  {"seconds", all_s},
+                                  {"memory_MB", sample.memory_MB},
+                                  {"telemetry_MB", sample.record_MB * static_cast<double>(plan.runs)},
+                                  {"status", sample.made.status},
+                                  {"message", sample.made.message}},
+                             2) +
                    "\n");
   print("{} run{}; run 0 took {} and {:.0f} MB and is {}{}{}; on {}{} thread{} the sweep takes about {}\n", plan.runs,
         plan.runs == 1 ? "" : "s", seconds(sample.one_s), sample.memory_MB, sample.made.status,
@@ -146,14 +146,14 @@ Result<Exit> write_job(const Arguments& a, const sweep::Plan& plan) {
     return tl::unexpected(ok.error());
   const double all_s = sweep::predicted_s(plan.runs, job.one_s, job.ranks * job.threads);
   if (a.json)
-    return deliver(Json{{"file", file.string()},
-                        {"runs", plan.runs},
-                        {"ranks", job.ranks},
-                        {"threads", job.threads},
-                        {"seconds_of_one", job.one_s},
-                        {"seconds", all_s},
-                        {"memory_MB", job.memory_MB}}
-                       .dump(2) +
+    return deliver(dump_json(Json{{"file", file.string()},
+                                  {"runs", plan.runs},
+                                  {"ranks", job.ranks},
+                                  {"threads", job.threads},
+                                  {"seconds_of_one", job.one_s},
+                                  {"seconds", all_s},
+                                  {"memory_MB", job.memory_MB}},
+                             2) +
                    "\n");
   if (!a.quiet)
     print("written: {0} ({1} runs on {2} rank{3} of {4} thread{5}: about {6}); submit it with: sbatch {0}\n",
@@ -280,7 +280,7 @@ Result<Exit> execute(const Arguments& a) {
         fmt::format("interrupted; the runs so far are kept in {}, and the same command goes on", a.directory));
   if (!result) return tl::unexpected(result.error());
   if (a.json)
-    print_text(json_of(*result).dump(2) + "\n");
+    print_text(dump_json(json_of(*result), 2) + "\n");
   else if (!a.quiet)
     report(a, plan, *result);
   const auto failing = sweep::failures(result->runs);

@@ -12,6 +12,7 @@
 #include <tribotwin/twin/identification/thermal/thermal_torque.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -228,7 +229,7 @@ Result<Exit> identify(const Arguments& a) {
          a.output.named() ? fmt::format(" {} is in units in which alpha is {} 1/K", a.output.file, guessed_alpha) : "");
   if (a.output.named())
     if (auto ok = deliver(to_yaml(fits, a.data), a.output); !ok) return ok;
-  return deliver(a.json ? j.dump(2) + "\n" : table.text());
+  return deliver(a.json ? dump_json(j, 2) + "\n" : table.text());
 }
 
 Result<Exit> identify_chain(const Arguments& a) {
@@ -276,7 +277,7 @@ Result<Exit> identify_chain(const Arguments& a) {
                                 fit->samples, fit->correlation)});
   if (a.output.named())
     if (auto ok = deliver(to_yaml(*fit, a.data), a.output); !ok) return ok;
-  return deliver(a.json ? j.dump(2) + "\n" : table.text());
+  return deliver(a.json ? dump_json(j, 2) + "\n" : table.text());
 }
 
 Result<Exit> evaluate(const Arguments& a) {
@@ -308,7 +309,7 @@ Result<Exit> evaluate(const Arguments& a) {
                  fmt::format("{} from {:.6g} s", a.data[session.file], session.time_s.front())});
     }
   j["worst_rms_K"] = worst;
-  return deliver(a.json ? j.dump(2) + "\n" : table.text());
+  return deliver(a.json ? dump_json(j, 2) + "\n" : table.text());
 }
 
 }  // namespace

@@ -37,7 +37,9 @@ Result<PartStore> PartStore::open(const fs::path& directory, const std::string& 
   // A kill may have cut the last line; what is appended begins a new one.
   const std::string whole = store.lines_.substr(0, store.lines_.rfind('\n') + 1);
   std::istringstream lines(whole);
-  for (std::string sum, name; lines >> sum >> name;) store.sums_[name] = sum;
+  for (std::string line; std::getline(lines, line);)
+    if (const auto blank = line.find(' '); blank != line.npos)
+      store.sums_[line.substr(blank + 1)] = line.substr(0, blank);
   if (whole == store.lines_) return store;
   store.lines_ = whole;
   if (auto ok = write_file(store.file_, whole, Existing::replace); !ok) return tl::unexpected(ok.error());

@@ -1,12 +1,14 @@
 #include <algorithm>
 
 #include <fmt/format.h>
-#include <unistd.h>
 
+#include <tribotwin/plugins/friction/input_file.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/mujoco/source.hpp>
 #include <tribotwin/twin/gears/drive_elements.hpp>
 #include <tribotwin/twin/gears/foreign_model.hpp>
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
 namespace tribotwin::twin {
@@ -121,7 +123,8 @@ fs::path mesh_file(std::string name, const fs::path& folder, const fs::path& mes
   if (name.starts_with(package)) {
     const fs::path path = name.substr(package.size());
     fs::path below;
-    for (auto part = std::next(path.begin()); part != path.end(); ++part) below /= *part;
+    for (auto part = path.begin(); part != path.end(); ++part)
+      if (part != path.begin()) below /= *part;
     for (fs::path up = fs::absolute(folder).lexically_normal();; up = up.parent_path()) {
       candidates.insert(candidates.end(), {up / path, up / below});
       if (up == up.parent_path()) break;
@@ -146,14 +149,17 @@ fs::path mesh_file(std::string name, const fs::path& folder, const fs::path& mes
   return {};
 }
 
-/// Meshes get absolute names; those that cannot be read are taken out.
-void resolve_meshes(pugi::xml_document& urdf, const fs::path& folder, std::vector<std::string>& notes) {
+/// Meshes get absolute names; those that are not there are taken out. Fails where one is too long to be read.
+Result<void> resolve_meshes(const mujoco::Source& source, const fs::path& folder, std::vector<std::string>& notes) {
+  const pugi::xml_document& urdf = *source.document;
   const fs::path meshdir = urdf.select_node("/robot/mujoco/compiler[@meshdir]").node().attribute("meshdir").value();
   std::vector<std::string> missing;
   for (const auto& match : urdf.select_nodes("//geometry/mesh")) {
     pugi::xml_node mesh = match.node(), shape = mesh.parent().parent();
     const std::string given = mesh.attribute("filename").value();
     if (const fs::path found = mesh_file(given, folder, meshdir); !found.empty()) {
+      if (const auto ok = check_input_file(found, "a file of a model", limits::asset_bytes, Pipes::refuse); !ok)
+        return tl::unexpected(fmt::format("{}: {}", mujoco::at(source, mesh), ok.error().message));
       mesh.attribute("filename") = found.c_str();
       continue;
     }
@@ -163,28 +169,22 @@ void resolve_meshes(pugi::xml_document& urdf, const fs::path& folder, std::vecto
   if (!missing.empty())
     notes.push_back(fmt::format("{} of its meshes left out, because the file does not exist or is no STL or OBJ: {}{}",
                                 missing.size(), missing.front(), missing.size() > 1 ? ", ..." : ""));
+  return {};
 }
-
-/// A file that is gone at the end.
-struct Temporary {
-  fs::path path;
-  explicit Temporary(const char* name) : path(fs::temp_directory_path() / fmt::format("{}-{}.xml", name, ::getpid())) {}
-  Temporary(const Temporary&) = delete;
-  ~Temporary() {
-    std::error_code ignored;
-    fs::remove(path, ignored);
-  }
-};
 
 /// The engine's own MJCF of a URDF.
 Result<std::string> converted(const pugi::xml_document& urdf) {
-  const Temporary in("tribotwin-urdf"), out("tribotwin-mjcf");
-  if (!urdf.save_file(in.path.c_str())) return work_failed(in.path.string() + ": cannot be written");
+  const TemporaryFolder folder("tribotwin-urdf");
+  const fs::path in = folder.path() / "urdf.xml", out = folder.path() / "mjcf.xml";
+  if (folder.path().empty() || !urdf.save_file(in.c_str()))
+    return work_failed(
+        "the engine converts a URDF in the folder for temporary files, where nothing can be written; set TMPDIR to a "
+        "folder where files can be");
   char error[1000] = "";
-  const mujoco::ModelPtr model(mj_loadXML(in.path.c_str(), nullptr, error, sizeof error));
+  const mujoco::ModelPtr model(mj_loadXML(in.c_str(), nullptr, error, sizeof error));
   if (!model) return tl::unexpected(std::string(error));
-  if (!mj_saveLastXML(out.path.c_str(), model.get(), error, sizeof error)) return work_failed(error);
-  return mujoco::read_text(out.path);
+  if (!mj_saveLastXML(out.c_str(), model.get(), error, sizeof error)) return work_failed(error);
+  return mujoco::read_text(out);
 }
 
 /// One line, without the engine's position, which is that of a file that the user never saw.
@@ -198,7 +198,8 @@ Result<void> read_urdf(ForeignModel& foreign, const mujoco::Source& source, cons
   if (const auto known = check_joint_types(source); !known) return known;
   pugi::xml_document& urdf = *source.document;
   foreign.limits = limits_of(urdf);
-  resolve_meshes(urdf, file.parent_path(), foreign.notes);
+  const fs::path folder = file.has_parent_path() ? file.parent_path() : ".";
+  if (const auto ok = resolve_meshes(source, folder, foreign.notes); !ok) return ok;
   pugi::xml_node robot = urdf.document_element();
   if (!robot.child("mujoco")) robot.append_child("mujoco");
   pugi::xml_node compiler = robot.child("mujoco").child("compiler");
@@ -215,10 +216,12 @@ Result<void> read_urdf(ForeignModel& foreign, const mujoco::Source& source, cons
       mjcf = again;
     }
   }
-  if (!mjcf) return tl::unexpected(fmt::format("{}: {}", file.string(), plain(mjcf.error().message)));
+  if (!mjcf)
+    return tl::make_unexpected(
+        Error(fmt::format("{}: {}", file.string(), plain(mjcf.error().message)), mjcf.error().kind));
   foreign.document = std::make_unique<pugi::xml_document>();
   foreign.document->load_string(mjcf->c_str());
-  auto model = compiled(foreign, file.has_parent_path() ? file.parent_path() : ".");
+  auto model = compiled(foreign, folder);
   if (!model) return tl::unexpected(fmt::format("{}: as MJCF: {}", file.string(), model.error().message));
   foreign.model = *model;
   return {};

@@ -282,7 +282,8 @@ class YamlLimits final : public YAML::EventHandler {
   std::map<YAML::anchor_t, Size> anchors_;
 };
 
-/// Throws YAML::Exception, and InputError beyond a limit. `where` is the file or option, for messages.
+}  // namespace
+
 YAML::Node parse_yaml(const std::string& text, const std::string& where) {
   std::istringstream stream(text);
   YAML::Parser parser(stream);
@@ -290,8 +291,6 @@ YAML::Node parse_yaml(const std::string& text, const std::string& where) {
   parser.HandleNextDocument(limits);
   return YAML::Load(text);
 }
-
-}  // namespace
 
 YAML::Node load_yaml(const std::filesystem::path& file) {
   const std::string text = or_throw(read_text(file, "a YAML file"));

@@ -107,6 +107,10 @@ auto choice_of(Mapping& in, const std::string& key, const Table& table) {
 /// Reads a YAML file within limits::yaml_*; the root must be a mapping. Throws InputError.
 YAML::Node load_yaml(const std::filesystem::path& file);
 
+/// The first document of a text, within the same limits but of any kind. `where` is the file or option, for messages.
+/// Throws YAML::Exception where it is not well formed, InputError beyond a limit.
+YAML::Node parse_yaml(const std::string& text, const std::string& where);
+
 /// Applies one `--set key=value` to the tree of a YAML file. Dotted keys descend into mappings and, by numbers, into
 /// lists; missing mappings are created. `examples` completes the message "must be key=value, for example ...". Throws
 /// InputError.

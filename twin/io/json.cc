@@ -29,17 +29,27 @@ bool is_within_limits(std::string_view text) {
   return true;
 }
 
+template <class Json>
+Json parsed(const std::string& text) {
+  return is_within_limits(text) ? Json::parse(text, nullptr, false) : Json(Json::value_t::discarded);
+}
+
 }  // namespace
 
-nlohmann::json parse_json(const std::string& text) {
-  using nlohmann::json;
-  return is_within_limits(text) ? json::parse(text, nullptr, false) : json(json::value_t::discarded);
+nlohmann::json parse_json(const std::string& text) { return parsed<nlohmann::json>(text); }
+nlohmann::ordered_json parse_ordered_json(const std::string& text) { return parsed<nlohmann::ordered_json>(text); }
+
+std::string dump_json(const nlohmann::json& value, int indent) {
+  return value.dump(indent, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+std::string dump_json(const nlohmann::ordered_json& value, int indent) {
+  return value.dump(indent, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
 std::string files_json(std::span<const std::string> files) {
   nlohmann::ordered_json json{{"files", nlohmann::ordered_json::array()}};
   for (const auto& file : files) json["files"].push_back(file);
-  return json.dump(2) + "\n";
+  return dump_json(json, 2) + "\n";
 }
 
 }  // namespace tribotwin::twin

@@ -63,6 +63,7 @@ void erase_progress() {
 void prepare_streams() {
   std::set_terminate(give_up);
   for (const int signal : {SIGPIPE, SIGXFSZ}) std::signal(signal, SIG_IGN);
+  std::signal(SIGCHLD, SIG_DFL);
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
     if (::fcntl(stream, F_GETFD) < 0) (void)::open("/dev/null", stream == STDIN_FILENO ? O_WRONLY : O_RDONLY);
 }
@@ -102,7 +103,7 @@ void report_text(std::string_view text) {
   for (const auto& [word, colour] :
        {std::pair<std::string_view, std::string_view>{"note:", cyan}, {"warning:", yellow}})
     if (text.starts_with(word)) {
-      (void)write_all(STDERR_FILENO, message(text, word.size(), colour));
+      (void)write_all(STDERR_FILENO, message(without_controls(std::string(text)), word.size(), colour));
       return;
     }
   (void)write_all(STDERR_FILENO, text);

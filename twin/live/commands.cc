@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/live/commands.hpp>
 #include <tribotwin/twin/simulation/scenario_input.hpp>
 
@@ -55,7 +56,7 @@ Mapping keys_of(const Command& command) {
     if (key == "type" || key == "id" || key == "do") continue;
     if (value.is_structured() || value.is_null())
       throw InputError(fmt::format("{}: {}: must be a number or a text", command.name, key));
-    keys[key] = value.is_string() ? YAML::Load(quoted(value.get<std::string>())) : YAML::Node(value.dump());
+    keys[key] = value.is_string() ? YAML::Load(quoted(value.get<std::string>())) : YAML::Node(dump_json(value));
   }
   return Mapping(command.name, "", keys);
 }

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/numerics/linear_algebra.hpp>
 #include <tribotwin/twin/portable/bam.hpp>
 #include <tribotwin/twin/portable/drive_range.hpp>
@@ -193,7 +194,7 @@ std::string bam_json(const BamFriction& b, const std::string& actuator) {
   all["friction_base"] = b.base_nm, all["friction_stribeck"] = b.stribeck_nm;
   all["load_friction_base"] = b.load_base, all["load_friction_stribeck"] = b.load_stribeck;
   all["dtheta_stribeck"] = b.stribeck_rad_s, all["alpha"] = b.alpha, all["friction_viscous"] = b.viscous_nm_s_rad;
-  return all.dump(2) + "\n";
+  return dump_json(all, 2) + "\n";
 }
 
 }  // namespace tribotwin::twin

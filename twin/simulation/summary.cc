@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/simulation/summary.hpp>
 
 namespace tribotwin::twin {
@@ -96,7 +97,7 @@ std::string varied_json(std::span<const VariedRun> runs) {
     for (const auto& warning : all_warnings(run.summary)) json["warnings"].push_back(run.folder + ": " + warning);
     add_transmissions(json, run.summary);
   }
-  return json.dump(2) + "\n";
+  return dump_json(json, 2) + "\n";
 }
 
 std::string summary_json(const Summary& s) {
@@ -136,7 +137,7 @@ std::string summary_json(const Summary& s) {
   if (!s.finished_at.empty()) json["finished_at"] = s.finished_at;
   if (s.comparison)
     json["comparison"] = {{"mae_mrad", s.comparison->mae_mrad}, {"baseline_mae_mrad", s.comparison->baseline_mae_mrad}};
-  return json.dump(2) + "\n";
+  return dump_json(json, 2) + "\n";
 }
 
 }  // namespace tribotwin::twin

@@ -123,9 +123,9 @@ namespace {
 /// A key of the scenario for people, also where the model is gone.
 std::string scenario_key(const RunData& run, const char* key) {
   try {
-    const YAML::Node root = YAML::Load(run.scenario_text);
+    const YAML::Node root = twin::parse_yaml(run.scenario_text, "scenario.yaml");
     return root.IsMap() && root[key] && root[key].IsScalar() ? root[key].Scalar() : "";
-  } catch (const YAML::Exception&) {
+  } catch (const std::exception&) {  // the page says elsewhere that the scenario cannot be read
     return {};
   }
 }

@@ -12,6 +12,7 @@
 #include <tribotwin/render/report/run/differences.hpp>
 #include <tribotwin/render/report/run/run_summary.hpp>
 #include <tribotwin/render/theme/theme.hpp>
+#include <tribotwin/twin/io/input.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -61,8 +62,8 @@ void flatten(const YAML::Node& node, const std::string& at, Keys& keys) {
 Keys keys_of(const RunData& run) {
   Keys keys;
   try {
-    flatten(YAML::Load(run.scenario_text), "", keys);
-  } catch (const YAML::Exception&) {
+    flatten(twin::parse_yaml(run.scenario_text, "scenario.yaml"), "", keys);
+  } catch (const std::exception&) {
     keys.clear();  // the page says elsewhere that the scenario cannot be read
   }
   for (const char* of_record : {"engine_version", "timestep_s"})

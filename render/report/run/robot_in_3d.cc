@@ -8,6 +8,7 @@
 
 #include <tribotwin/render/report/run/robot_in_3d.hpp>
 #include <tribotwin/render/theme/theme.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/live/protocol/geometry.hpp>
 
 namespace tribotwin::render {
@@ -73,7 +74,7 @@ void show_robot(Page& page, pugi::xml_node to, const mujoco::Model& model, const
     if (shown.empty() || shown.back()["time_s"] < moment["time_s"]) shown.push_back(std::move(moment));
   }
   for (const JointState& joint : moments.at(moments.begin_s()).joints) all["joints"].push_back(joint.name);
-  const std::string packed = deflated(all.dump(-1, ' ', false, Json::error_handler_t::replace));
+  const std::string packed = deflated(twin::dump_json(all));
   if (packed.size() > robot_bytes_max)
     return refuse(fmt::format("its shapes and poses need {} kB compressed, a page has at most {} kB for them",
                               packed.size() / 1000, robot_bytes_max / 1000));

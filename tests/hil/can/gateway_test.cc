@@ -134,10 +134,11 @@ TEST(Gateway, ConnectsAgain) {
   EXPECT_EQ(bus->counters().link_losses, 1);
 }
 
-/// A gateway that says `words` to whoever connects, and then closes.
+/// A gateway that says `words` to whoever connects, a moment later `more`, and then closes.
 class Speaker {
  public:
-  explicit Speaker(std::string words) : listener_(::socket(AF_INET, SOCK_STREAM, 0)), words_(std::move(words)) {
+  explicit Speaker(std::string words, std::string more = {})
+      : listener_(::socket(AF_INET, SOCK_STREAM, 0)), words_(std::move(words)), more_(std::move(more)) {
     sockaddr_in address{};
     address.sin_family = AF_INET;
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
@@ -163,12 +164,15 @@ class Speaker {
  private:
   void speak() const {
     const int client = ::accept(listener_, nullptr, nullptr);
-    EXPECT_EQ(::send(client, words_.data(), words_.size(), MSG_NOSIGNAL), static_cast<ssize_t>(words_.size()));
-    std::this_thread::sleep_for(std::chrono::milliseconds(200));
+    for (const std::string* text : {&words_, &more_}) {
+      if (text->empty()) continue;
+      EXPECT_EQ(::send(client, text->data(), text->size(), MSG_NOSIGNAL), static_cast<ssize_t>(text->size()));
+      std::this_thread::sleep_for(std::chrono::milliseconds(200));
+    }
     ::close(client);
   }
   int listener_, port_ = 0;
-  std::string words_;
+  std::string words_, more_;
   std::jthread thread_;
 };
 
@@ -212,6 +216,14 @@ TEST(Gateway, ReadsFramesAsTheyAreWritten) {
   EXPECT_EQ(last.time_ns, 1'700'000'000'999'999'000);
   EXPECT_EQ((*bus)->counters().error_frames, 1);
   EXPECT_EQ((*bus)->counters().malformed, 5);
+}
+
+TEST(Gateway, WhatItSaysDoesNotSteerATerminal) {
+  const Speaker gateway("< hi >< ok >< ok >", "< error \x1b[31mred >");
+  const auto bus = open_bus(fmt::format("gateway://127.0.0.1:{}/can0", gateway.port()));
+  ASSERT_TRUE(bus) << bus.error().message;
+  ASSERT_TRUE(until(**bus, [&] { return !(*bus)->up(); }));
+  EXPECT_THAT((*bus)->state(), HasSubstr("the gateway says: \\x1b[31mred"));
 }
 
 }  // namespace

@@ -60,6 +60,13 @@ check(
     opening(content("speeds.html"))["verdict"],
 )
 
+# ---- A scenario of 10^12 values by aliases is not unfolded.
+shutil.copytree(path("slow"), path("vast"))
+with open(path("vast/scenario.yaml"), "w") as f:
+    f.write("a0: &a0 [0]\n" + "".join(f"a{i}: &a{i} [{10 * f'*a{i - 1},'}]\n" for i in range(1, 13)))
+r = run(report, path("slow"), path("vast"), "-o", "vast.html", timeout=60)
+check("a scenario with too many values is not read", r.returncode == 0 and "holds more than" in r.stderr, r.stderr)
+
 # ---- Healthy against worn.
 r = run(report, path("healthy"), path("worn"), "-o", "both.html")
 check("the comparison is made", r.returncode == 0 and r.stderr == "", (r.returncode, r.stderr))

@@ -126,6 +126,19 @@ write("top.yaml", PLAN + "runs: 7\n")
 r = run(twin, "sweep", "top.yaml", "-o", "runs/top")
 check_refused("a plan does not take what only campaign.yaml has", r, ["runs"], 2, lines=None)
 
+# A campaign.yaml that somebody has edited.
+shutil.copytree(path("runs/small"), path("runs/edited"))
+for old, new, says in (
+    (r"\nruns: \d+", "\nruns: many", "runs"),
+    (r"\nscenario: .*", "\nscenario: [1]", "scenario"),
+    (r"seed: \d+}", "seed: {a: 1}}", "seed"),
+):
+    edited, count = re.subn(old, new, content("runs/small/campaign.yaml"), count=1)
+    write("runs/edited/campaign.yaml", edited)
+    r = run(report, "sweep", "runs/edited")
+    check_refused(f"campaign.yaml with a wrong {says}", r, ["runs/edited/campaign.yaml:", says], 2, lines=None)
+    check(f"and {says} was one", count == 1)
+
 # Unfinished: as a kill leaves it, with a hole.
 shutil.copytree(path("runs/small"), path("runs/part"))
 for name in ("results.csv", "results.h5", "statistics.json", "bands.csv"):
@@ -163,6 +176,23 @@ check_refused("a torn table", run(report, "sweep", "runs/torn"), ["results.csv:4
 write("runs/torn/results.csv", content("runs/small/results.csv"))
 write("runs/torn/statistics.json", "{}")
 check_refused("torn statistics", run(report, "sweep", "runs/torn"), ["statistics.json"], 2, lines=None)
+for keys, value, says in (
+    (("stopped",), 1, "stopped: must be a text"),
+    (("notes",), {}, "notes: must be a list"),
+    (("outputs", "heat_J", "count"), "many", "count: must be a number"),
+    (("outputs", "heat_J", "mean"), {}, "mean: has no 'value'"),
+    (("outputs", "heat_J", "mean", "confidence_95"), [1], "confidence_95: has 1 entries but must have 2"),
+    (("outputs", "heat_J", "quantiles"), [1], "quantiles 1: has no 'probability'"),
+    (("outputs", "heat_J", "rank_correlations"), {"a": 1}, "rank_correlations: a: has no 'value'"),
+):
+    changed = json.loads(content("runs/small/statistics.json"))
+    place = changed
+    for key in keys[:-1]:
+        place = place[key]
+    place[keys[-1]] = value
+    write("runs/torn/statistics.json", json.dumps(changed))
+    r = run(report, "sweep", "runs/torn")
+    check_refused(f"statistics.json: {says}", r, ["runs/torn/statistics.json: ", says], 2, lines=None)
 
 # A grid with words, runs that fail, indices.
 write("other.xml", PENDULUM.replace('"0.03"', '"0.04"'))

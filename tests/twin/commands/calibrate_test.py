@@ -208,6 +208,14 @@ check(
     r.returncode == 2 and "is no calibration" in r.stderr,
     (r.returncode, r.stderr),
 )
+os.mkdir(path("nested"))
+write("nested/calibration.json", 200_000 * "[" + 200_000 * "]")
+r = run("calibrate", "fit.yaml", "-o", "nested")
+check(
+    "refused: a file of 200,000 lists in each other",
+    r.returncode == 2 and "nested/calibration.json: is no calibration" in r.stderr,
+    (r.returncode, r.stderr),
+)
 check(
     "all that was refused is left alone",
     read("found/calibration.json") == kept and open(path("foreign/calibration.json")).read() == "mine",

@@ -111,6 +111,34 @@ with sqlite3.connect(path("plant.db")) as db:
     kept = db.execute("SELECT count(*) FROM verdicts WHERE kind = 'check' AND time_s >= 1774310400").fetchone()[0]
     check("so are verdicts", kept == len(found), kept)
 
+# ---- Models of other sizes than their region has.
+with sqlite3.connect(path("calm.db")) as db:
+    model = json.loads(db.execute("SELECT model FROM models WHERE joint = 'joint2'").fetchone()[0])
+shutil.copy(path("calm.db"), path("resized.db"))
+for keys, value, says in (
+    (("within",), [[1], [2]], "within: has 2 entries but must have 5"),
+    (("within",), [], "within: has 0 entries but must have 5"),
+    (("region1", 0, "decouple"), [[1]] * 2000, "decouple: has 2000 entries but must have 3"),
+    (("region1", 0, "decouple"), [[1, 0, 0], [0, 1], [0, 0, 1]], "decouple 2: has 2 entries but must have 3"),
+    (("region2", 0, "lambda"), [], "lambda: has 0 entries but must have 2"),
+    (("region2", 0, "mean"), [1, 2], "mean: has 2 entries but must have 4"),
+    (("region1",), [], "region1: must be a list of at least 1"),
+    (("region1", 0, "scale"), "many", "scale: must be a number"),
+):
+    changed = json.loads(json.dumps(model))
+    place = changed
+    for key in keys[:-1]:
+        place = place[key]
+    place[keys[-1]] = value
+    with sqlite3.connect(path("resized.db")) as db:
+        db.execute("UPDATE models SET model = ? WHERE joint = 'joint2'", (json.dumps(changed),))
+    refused(
+        f"a model with another {keys[-1]}: {says}",
+        ["resized.db", "joint2", says],
+        *("check", "calm.csv", "-o", "resized.db"),
+        store="resized.db",
+    )
+
 # ---- Models that an earlier version learned are refused: their numbers meant something else.
 shutil.copy(path("calm.db"), path("old.db"))
 with sqlite3.connect(path("old.db")) as db:

@@ -147,6 +147,16 @@ TEST_F(Parts, WhoseChecksumWasCutAreMadeAgain) {
   }
 }
 
+TEST_F(Parts, ALineOfChecksumsThatIsNoneCostsItsPartAlone) {
+  ASSERT_TRUE(run());
+  std::string sums_now = sums();
+  const auto name = sums_now.find(" 02.txt");
+  ASSERT_NE(name, std::string::npos);
+  std::ofstream(folder_ / "checksums") << sums_now.erase(name, 7);
+  ASSERT_TRUE(run());
+  EXPECT_THAT(made(), ElementsAre(2));
+}
+
 TEST_F(Parts, ThatWereChangedAreMadeAgain) {
   ASSERT_TRUE(run());
   std::ofstream(folder_ / "parts/05.txt") << "part 6\n";

@@ -154,6 +154,35 @@ for name, arguments, says in (
 cut = content("arm.urdf")
 with open(path("cut.urdf"), "w") as f:
     f.write(cut[: len(cut) // 2])
+with open(path("red.urdf"), "w") as f:
+    f.write(content("arm.urdf").replace('joint name="shoulder"', 'joint name="sh&#27;[31mRED"'))
+r = add("red.urdf", "-o", "red.xml")
+check(
+    "names in notes do not steer the terminal",
+    r.returncode == 0 and "\x1b" not in r.stderr and "sh\\x1b[31mRED" in r.stderr,
+    (r.returncode, r.stderr),
+)
+for name in ("red.urdf", "red.xml", "red.yaml"):
+    os.remove(path(name))
+with open(path("bare.urdf"), "w") as f:
+    f.write(content("arm.urdf").replace('<cylinder radius="0.08" length="0.2"/>', '<mesh filename="package://"/>'))
+r = add("bare.urdf", "-o", "bare.xml")
+check("a package without a file", r.returncode == 0 and "1 of its meshes left out" in r.stderr, r.stderr)
+for name in ("bare.urdf", "bare.xml", "bare.yaml"):
+    os.remove(path(name))
+os.mkdir(path("meshes"))
+with open(path("meshes/vast.stl"), "wb") as f:
+    f.truncate(1 << 40)
+with open(path("vast.urdf"), "w") as f:
+    mesh = '<mesh filename="package://arm/meshes/vast.stl"/>'
+    f.write(content("arm.urdf").replace('<cylinder radius="0.08" length="0.2"/>', mesh))
+check_refused(
+    "a mesh of a package that is too long", add("vast.urdf", "-o", "x.xml"), ["vast.urdf:10: ", "vast.stl", "longer"]
+)
+shutil.rmtree(path("meshes")), os.remove(path("vast.urdf"))
+nowhere = {**os.environ, "TMPDIR": "/nonexistent"}
+r = run("add-drives", "arm.urdf", "-o", "x.xml", env=nowhere)
+check_refused("no folder for temporary files", r, ["arm.urdf: ", "set TMPDIR"], 1)
 check_refused("a cut file", add("cut.urdf", "-o", "x.xml"), ["cut.urdf:", "not well-formed"], lines=None)
 check(
     "nothing is left of them", sorted(set(os.listdir(harness.work)) - {"cut.urdf"}) == before, os.listdir(harness.work)

@@ -94,9 +94,16 @@ TEST(JsonLimits, ValuesAndDepth) {
   const int deepest = static_cast<int>(limits::json_depth);
   EXPECT_FALSE(parse_json(nested(deepest)).is_discarded());
   EXPECT_TRUE(parse_json(nested(deepest + 1)).is_discarded());
+  EXPECT_TRUE(parse_ordered_json(nested(deepest + 1)).is_discarded());
   EXPECT_TRUE(parse_json(std::string(1000000, '[')).is_discarded());
   EXPECT_FALSE(parse_json(R"({"a": "[[\"[[[[", "b": "\\"})").is_discarded()) << "brackets in texts do not count";
   EXPECT_TRUE(parse_json("[" + std::string(limits::json_values, ',') + "]").is_discarded());
+}
+
+TEST(Json, NamesOfFilesMayBeAnyBytes) {
+  EXPECT_EQ(dump_json(nlohmann::json("a\xff")), "\"a\xef\xbf\xbd\"");
+  EXPECT_EQ(dump_json(nlohmann::ordered_json{{"b", 1}, {"a", "\xe4"}}), "{\"b\":1,\"a\":\"\xef\xbf\xbd\"}");
+  EXPECT_EQ(dump_json(nlohmann::json{{"a", 1}}, 2), "{\n  \"a\": 1\n}");
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <tribotwin/twin/commands/calibrate/results.hpp>
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/io/text_table.hpp>
@@ -144,7 +145,7 @@ Json json_of(const Results& r) {
 /// With a checksum of everything else as its last key.
 Json with_checksum(Json j) {
   j.erase("crc32");
-  j["crc32"] = fmt::format("{:08x}", crc32(j.dump()));
+  j["crc32"] = fmt::format("{:08x}", crc32(dump_json(j)));
   return j;
 }
 
@@ -264,8 +265,8 @@ std::string table_of_folds(const Results& r, std::size_t k) {
 
 }  // namespace
 
-std::string json_text(const Results& results) { return json_of(results).dump(1) + "\n"; }
-std::string calibration_file(const Results& results) { return with_checksum(json_of(results)).dump(1) + "\n"; }
+std::string json_text(const Results& results) { return dump_json(json_of(results), 1) + "\n"; }
+std::string calibration_file(const Results& results) { return dump_json(with_checksum(json_of(results)), 1) + "\n"; }
 
 std::string table_of(const Results& r) {
   std::string s = table_of_variants(r);
@@ -277,14 +278,14 @@ std::vector<SimulationFit> read_fits(const Campaign& campaign, const fs::path& f
   std::error_code error;
   if (!fs::exists(file, error)) return {};
   const std::string text = or_throw(read_text(file, "a calibration"));
-  const Json written = Json::parse(text, nullptr, false);  // in its own order, which the checksum is of
+  const Json written = parse_ordered_json(text);  // in its own order, which the checksum is of
   const nlohmann::json j = written;
   const auto refuse = [&](const std::string& what) {
     throw InputError(fmt::format("{}: {}; choose another folder with -o, or remove this one", file.string(), what));
   };
   if (!j.is_object() || !j.contains("fit")) refuse("is no calibration");
   if (j.contains("crc32") && !checksum_holds(written)) refuse("was changed since it was made (checksum)");
-  if (j["fit"] != campaign.resolved)
+  if (dump_json(j["fit"]) != dump_json(nlohmann::json(campaign.resolved)))
     refuse("holds another calibration (its FIT file, models, recordings, seed or versions differ)");
   try {
     return fits_of(campaign, j);

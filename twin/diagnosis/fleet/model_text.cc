@@ -1,11 +1,15 @@
 #include <cmath>
 #include <limits>
-#include <stdexcept>
+#include <string>
+#include <utility>
 
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include <tribotwin/twin/diagnosis/fleet/model_text.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
+#include <tribotwin/twin/io/json_input.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
 namespace {
@@ -23,14 +27,16 @@ Json matrix(const Eigen::MatrixXd& m) {
 }
 Json vector(const Eigen::VectorXd& v) { return Json(std::vector<double>(v.begin(), v.end())); }
 
-Eigen::VectorXd to_vector(const Json& j) {
-  const auto v = j.get<std::vector<double>>();
-  return Eigen::Map<const Eigen::VectorXd>(v.data(), static_cast<Eigen::Index>(v.size()));
+constexpr Bounds any_number{-1e300, 1e300}, not_negative{0, 1e300}, portion{0, 1};
+
+Eigen::VectorXd to_vector(const JsonInput& in, Eigen::Index size, Bounds bounds = any_number) {
+  const auto v = in.numbers(static_cast<std::size_t>(size), static_cast<std::size_t>(size), bounds);
+  return Eigen::Map<const Eigen::VectorXd>(v.data(), size);
 }
-Eigen::MatrixXd to_matrix(const Json& j) {
-  const auto rows = static_cast<Eigen::Index>(j.size());
-  Eigen::MatrixXd m(rows, rows);
-  for (Eigen::Index i = 0; i < rows; ++i) m.row(i) = to_vector(j.at(static_cast<std::size_t>(i))).transpose();
+Eigen::MatrixXd to_matrix(const JsonInput& in, Eigen::Index size) {
+  Eigen::MatrixXd m(size, size);
+  const auto rows = in.list(static_cast<std::size_t>(size), static_cast<std::size_t>(size));
+  for (Eigen::Index i = 0; i < size; ++i) m.row(i) = to_vector(rows[static_cast<std::size_t>(i)], size).transpose();
   return m;
 }
 
@@ -53,31 +59,33 @@ Json json_of(const RegionModel& m) {
           {"scale_freedom", m.scale_freedom}};
 }
 
-RegionModel region_of(const Json& j) {
-  return {.decouple = to_matrix(j.at("decouple")),
-          .lambda = to_vector(j.at("lambda")),
-          .persistence = j.at("persistence_per_day"),
-          .curvature = to_vector(j.at("curvature")),
-          .mean = to_vector(j.at("mean")),
-          .between = to_matrix(j.at("between")),
-          .mean_error = to_matrix(j.at("mean_error")),
-          .between_freedom = j.at("between_freedom"),
-          .noise_freedom = j.at("noise_freedom"),
-          .lambda_variance = to_vector(j.at("lambda_variance")),
-          .scale_by_lambda = to_vector(j.at("scale_by_lambda")),
-          .typical_scatter = j.at("typical_scatter"),
-          .typical_root = to_matrix(j.at("typical_root")),
-          .scale = j.at("scale"),
-          .scale_freedom = j.at("scale_freedom"),
-          .probability = j.at("probability")};
+/// Of p features and q regressors.
+RegionModel region_of(const JsonInput& in, Eigen::Index p, Eigen::Index q) {
+  const JsonInput root = in["typical_root"];
+  return {.decouple = to_matrix(in["decouple"], p),
+          .lambda = to_vector(in["lambda"], p, not_negative),
+          .persistence = in["persistence_per_day"].number(portion),
+          .curvature = to_vector(in["curvature"], p),
+          .mean = to_vector(in["mean"], p * q),
+          .between = to_matrix(in["between"], p * q),
+          .mean_error = to_matrix(in["mean_error"], p * q),
+          .between_freedom = in["between_freedom"].number(any_number),
+          .noise_freedom = in["noise_freedom"].number(any_number),
+          .lambda_variance = to_vector(in["lambda_variance"], p),
+          .scale_by_lambda = to_vector(in["scale_by_lambda"], p),
+          .typical_scatter = in["typical_scatter"].number(any_number),
+          .typical_root = to_matrix(root, root.list(0).empty() ? 0 : p),
+          .scale = in["scale"].number(any_number),
+          .scale_freedom = in["scale_freedom"].number(any_number),
+          .probability = in["probability"].number(not_negative)};
 }
 
 /// Counts up whenever models say something else: 2 has variances of lambda that REML leaves, and factors of shifts; 3
 /// has claims by direction.
 constexpr int version = 3;
 
-InputError of_another_version() {
-  return InputError("the store's models are of another version of tribotwin: learn again (tribotwin fleet learn)");
+InputError of_another_version(const std::string& store) {
+  return InputError(store + ": its models are of another version of tribotwin: learn again (tribotwin fleet learn)");
 }
 
 }  // namespace
@@ -97,30 +105,49 @@ std::string to_text(const TypeModel& t) {
     Json& all = j[regions[r].name] = Json::array();
     for (std::size_t k = 0; k < t.choices(r); ++k) all.push_back(json_of(t.choice(r, k)));
   }
-  return j.dump();
+  return dump_json(j);
 }
 
-TypeModel from_text(const std::string& text) try {
-  const Json j = Json::parse(text);
-  if (j.at("version") != version) throw of_another_version();
-  TypeModel t{.type = j.at("type"),
-              .joint = j.at("joint"),
-              .robots = j.at("robots"),
-              .observations = j.at("observations"),
-              .temperature_low_degC = j.at("temperature_degC").at(0),
-              .temperature_high_degC = j.at("temperature_degC").at(1),
-              .knows_temperature = j.at("knows_temperature")};
-  t.within = to_matrix(j.at("within"));
-  if (!j.at("load_norm").is_null()) t.load_norm = j.at("load_norm");
-  t.notes = j.at("notes").get<std::vector<std::string>>();
+namespace {
+
+TypeModel model_of(const JsonInput& in) {
+  constexpr Bounds count{0, 9007199254740992.0};
+  const auto temperatures = in["temperature_degC"].numbers(2, 2);
+  TypeModel t{.type = in["type"].text(),
+              .joint = in["joint"].text(),
+              .robots = static_cast<std::size_t>(in["robots"].number(count)),
+              .observations = static_cast<std::size_t>(in["observations"].number(count)),
+              .temperature_low_degC = temperatures[0],
+              .temperature_high_degC = temperatures[1],
+              .knows_temperature = in["knows_temperature"].truth()};
+  t.within = to_matrix(in["within"], t.within.rows());
+  t.load_norm = in["load_norm"].number_or_null();
+  for (const JsonInput& note : in["notes"].list(0)) t.notes.push_back(note.text());
   for (std::size_t r = 0; r < regions.size(); ++r) {
-    const Json& all = j.at(std::string(regions[r].name));
-    t.region[r] = region_of(all.at(0));
-    for (std::size_t k = 1; k < all.size(); ++k) t.others[r].push_back(region_of(all.at(k)));
+    const auto choices = in[regions[r].name].list(1);
+    for (std::size_t k = 0; k < choices.size(); ++k) {
+      RegionModel m = region_of(choices[k], regions[r].count, t.knows_temperature ? 2 : 1);
+      (k == 0 ? t.region[r] : t.others[r].emplace_back()) = std::move(m);
+    }
   }
   return t;
-} catch (const Json::exception&) {
-  throw of_another_version();
+}
+
+}  // namespace
+
+TypeModel from_text(const std::string& text, const std::string& store) {
+  const nlohmann::json j = parse_json(text);
+  if (!j.is_object() || !j.contains("version") || j["version"] != version) throw of_another_version(store);
+  const auto name = [&](const char* key) {
+    return j.contains(key) && j[key].is_string() ? j[key].get<std::string>() : "?";
+  };
+  try {
+    return model_of(JsonInput(j, ""));
+  } catch (const InputError& e) {
+    throw InputError(
+        fmt::format("{}: its model of type '{}', joint '{}' is damaged: {}; learn again (tribotwin fleet learn)", store,
+                    name("type"), name("joint"), e.what()));
+  }
 }
 
 }  // namespace tribotwin::twin::diagnosis::fleet

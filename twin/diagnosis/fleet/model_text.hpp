@@ -8,7 +8,8 @@
 namespace tribotwin::twin::diagnosis::fleet {
 
 std::string to_text(const TypeModel& model);
-/// Throws std::runtime_error where the text is not one of to_text.
-TypeModel from_text(const std::string& text);
+/// Throws InputError where the text is not one of to_text: with `store`, where it stands, and the key whose size or
+/// range is wrong.
+TypeModel from_text(const std::string& text, const std::string& store);
 
 }  // namespace tribotwin::twin::diagnosis::fleet

@@ -153,7 +153,7 @@ class Store::Made {
   std::map<std::pair<std::int64_t, std::string>, std::int64_t> joints_;
 };
 
-Store::Store(const std::string& name) : made_(std::make_unique<Made>(name)) {}
+Store::Store(const std::string& name) : made_(std::make_unique<Made>(name)), name_(without_password(name)) {}
 Store::~Store() = default;
 
 void Store::commit() { made_->commit(); }

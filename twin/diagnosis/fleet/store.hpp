@@ -57,6 +57,8 @@ class Store {
   /// is kept before commit().
   explicit Store(const std::string& name);
   Store(const Store&) = delete;
+  /// As it may be printed: without a password.
+  const std::string& name() const { return name_; }
   ~Store();  ///< without commit(): all is as before, and a new file is gone
 
   enum class Put { added, known, promoted, replaced, changed };
@@ -97,6 +99,7 @@ class Store {
  private:
   class Made;
   std::unique_ptr<Made> made_;
+  const std::string name_;
 };
 
 }  // namespace tribotwin::twin::diagnosis::fleet

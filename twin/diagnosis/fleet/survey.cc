@@ -122,10 +122,12 @@ class EachJoint {
       : store_(store), from_s_(from_s), to_s_(to_s), options_(o) {
     const std::string texts = or_throw(ranks().from_root([&]() -> Result<std::string> {
       BytesOut out;
+      out.put(std::string_view(store_->name()));
       for (const auto& text : store_->model_texts()) out.put(std::string_view(text));
       return out.take();
     }));
-    for (BytesIn in(texts); !in.empty();) models_.push_back(from_text(in.text()));
+    BytesIn in(texts);
+    for (const std::string name = in.text(); !in.empty();) models_.push_back(from_text(in.text(), name));
     if (models_.empty())
       throw InputError("the store holds no healthy state: begin with tribotwin fleet learn HEALTHY_DATA -o FLEET");
     for (std::size_t i = 0; i < models_.size(); ++i) {

@@ -12,6 +12,7 @@
 #include <tribotwin/twin/diagnosis/healthy_file.hpp>
 #include <tribotwin/twin/experiments/fault_study/power.hpp>
 #include <tribotwin/twin/identification/samples/samples.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/ranks.hpp>
 #include <tribotwin/twin/robot/fingerprint.hpp>
@@ -153,12 +154,12 @@ Result<Power> power_of_one(const Joint& joint, const HealthyState& healthy, cons
 std::string to_text(const Power& power) {
   Json j{{"fault", power.fault->name}, {"detection_limit", power.detection_limit}, {"named", power.named}};
   for (const auto& [severity, false_alarm, detected] : power.roc) j["roc"].push_back({severity, false_alarm, detected});
-  return j.dump() + "\n";
+  return dump_json(j) + "\n";
 }
 
 /// None where the text is no such fault's.
 std::optional<Power> from_text(const drive::FaultInfo& fault, const std::string& text) try {
-  const Json j = Json::parse(text);
+  const Json j = parse_json(text);
   if (j.at("fault") != fault.name) return std::nullopt;
   Power power{.fault = &fault, .detection_limit = j.at("detection_limit"), .named = j.at("named")};
   for (const Json& point : j.at("roc")) power.roc.push_back({point.at(0), point.at(1), point.at(2)});

@@ -10,6 +10,7 @@
 #include <tribotwin/twin/experiments/fault_study/study.hpp>
 #include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/ranks.hpp>
@@ -234,7 +235,7 @@ Result<LabSummary> run_study(const Study& study, const LabOptions& options) {
     all[joint.name] = *std::move(judged);
   }
   const auto write = [&] {
-    return write_derived(options.directory / "diagnosis.json", all.dump(2) + "\n", options.existing);
+    return write_derived(options.directory / "diagnosis.json", dump_json(all, 2) + "\n", options.existing);
   };
   if (auto ok = ranks().on_root(write); !ok) return work_failed(ok.error().message);
   sum.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();

@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double most_runs = 1e7, most_values = 2e8;  ///< numbers of a design: 1.6 GB
+constexpr double most_values = 2e8;  ///< numbers of a design: 1.6 GB
 constexpr std::string_view keys_of_a_plan[] = {"scenario", "set",       "factors",    "parameters",
                                                "design",   "outputs",   "stop",       "quantiles",
                                                "bands",    "telemetry", "description"};

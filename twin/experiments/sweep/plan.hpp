@@ -18,6 +18,8 @@
 /// A sweep as its YAML file describes it: many runs of one scenario.
 namespace tribotwin::twin::sweep {
 
+constexpr double most_runs = 1e7;
+
 struct Plan {
   std::filesystem::path file, scenario;
   std::string name, description;    ///< name: of its file; empty where the plan is that of a sweep's folder

@@ -180,7 +180,7 @@ std::string to_line(std::size_t run, const RunResult& result) {
     for (const double x : band) values.push_back(number(x));
     j["bands"].push_back(std::move(values));
   }
-  return j.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
+  return dump_json(j) + "\n";
 }
 
 std::optional<RunResult> from_line(std::size_t run, const std::string& line) {
@@ -325,7 +325,7 @@ std::string statistics_json(const Plan& plan, const std::vector<RunResult>& runs
       {"notes", notes}};
   for (std::size_t o = 0; o < plan.outputs.size(); ++o)
     j["outputs"][plan.outputs[o].name] = output_json(plan, runs, o, inputs);
-  return j.dump(2) + "\n";
+  return dump_json(j, 2) + "\n";
 }
 
 }  // namespace tribotwin::twin::sweep

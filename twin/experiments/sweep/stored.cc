@@ -2,6 +2,7 @@
 #include <chrono>
 #include <ctime>
 #include <limits>
+#include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
@@ -12,6 +13,7 @@
 #include <tribotwin/twin/experiments/sweep/sweep.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/json.hpp>
+#include <tribotwin/twin/io/json_input.hpp>
 #include <tribotwin/twin/io/tables/csv.hpp>
 #include <tribotwin/twin/io/text.hpp>
 
@@ -47,15 +49,16 @@ Table read_table(const fs::path& file) {
 
 double number_of(const std::string& cell) { return to_number(cell).value_or(none); }
 
-void read_campaign(StoredSweep& s, const YAML::Node& campaign) {
+void read_campaign(StoredSweep& s, Mapping campaign) {
   s.engine = engine_of(s.campaign);
-  s.scenario = campaign["scenario"].as<std::string>();
-  s.planned = campaign["runs"].as<std::size_t>();
-  const YAML::Node design = campaign["design"];
-  s.design = design["type"].as<std::string>();
-  s.indices = design["indices"].as<bool>(false);
-  if (s.design != design_types[0].first) s.seed = design["seed"].as<std::size_t>(1);
-  const YAML::Node outputs = campaign["outputs"];
+  s.scenario = campaign.text("scenario");
+  s.planned = campaign.whole("runs", {1, most_runs});
+  auto design = campaign.mapping("design");
+  if (!design) campaign.fail("design", "is missing");
+  s.design = design->text("type");
+  s.indices = design->flag_or("indices", false);
+  if (s.design != design_types[0].first) s.seed = design->whole_or("seed", 1, {0, 9007199254740992.0});
+  const YAML::Node outputs = campaign.raw("outputs");
   for (const auto& entry : outputs)
     if (outputs.IsMap())
       s.outputs.push_back({entry.first.Scalar(), entry.second.Scalar()});
@@ -136,6 +139,54 @@ void make_results(StoredSweep& s) {
   s.bands = bands_of(plan, runs);
 }
 
+constexpr Bounds any{-1e300, 1e300};
+
+/// As results.cc writes them.
+void check_estimate(const JsonInput& in) {
+  in["value"].number_or_null(any);
+  if (in.has("confidence_95") && !in["confidence_95"].is_null())
+    for (const JsonInput& end : in["confidence_95"].list(2, 2)) end.number_or_null(any);
+}
+
+void check_output_statistics(const nlohmann::json& output, const std::string& where) {
+  const JsonInput in(output, where);
+  in["count"].number({0, most_runs});
+  if (!in.has("mean")) return;  // no run has a value
+  check_estimate(in["mean"]);
+  if (in.has("deviation")) check_estimate(in["deviation"]);
+  for (const char* end : {"min", "max"}) in[end].number_or_null(any);
+  for (const JsonInput& quantile : in["quantiles"].list(0))
+    quantile["probability"].number({0, 1}), check_estimate(quantile);
+  for (const char* effects : {"sobol_indices", "rank_correlations"}) {
+    if (!in.has(effects)) continue;
+    if (!output[effects].is_object()) in[effects].fail("must be a mapping");
+    for (const auto& [key, one] : output[effects].items()) {
+      const JsonInput effect(one, fmt::format("{}: {}: {}", where, effects, key));
+      if (effect.is_null()) continue;
+      if (std::string_view(effects) == "rank_correlations")
+        check_estimate(effect);
+      else
+        check_estimate(effect["first"]), check_estimate(effect["total"]);
+    }
+  }
+}
+
+/// What readers of statistics.json rely on. Throws InputError.
+void check_statistics(const nlohmann::json& statistics, const fs::path& file) {
+  const JsonInput in(statistics, file.string());
+  try {
+    for (const char* part : {"outputs", "notes"}) (void)in[part];
+    if (in.has("stopped")) (void)in["stopped"].text();
+    for (const JsonInput& note : in["notes"].list(0)) (void)note.text();
+    if (!statistics["outputs"].is_object()) in["outputs"].fail("must be a mapping");
+    for (const auto& [name, output] : statistics["outputs"].items())
+      check_output_statistics(output, fmt::format("{}: outputs: {}", file.string(), name));
+  } catch (const InputError& e) {
+    throw InputError(
+        fmt::format("{}; the file was changed, and the sweep's command with --force writes it anew", e.what()));
+  }
+}
+
 /// Of a finished sweep for indices: which runs are independent of each other.
 void mark_independent(StoredSweep& s) {
   if (!s.indices) return;
@@ -169,7 +220,7 @@ Result<StoredSweep> read_sweep(const fs::path& directory) try {
   StoredSweep s{.directory = directory};
   const fs::path file = directory / "campaign.yaml";
   s.campaign = or_throw(read_text(file, "a YAML file"));
-  read_campaign(s, load_yaml(file));
+  read_campaign(s, Mapping(file.string(), "", load_yaml(file)));
   read_origin(s);
   s.finished = status->finished;
   s.date = date_of(directory);
@@ -182,17 +233,11 @@ Result<StoredSweep> read_sweep(const fs::path& directory) try {
   if (fs::exists(directory / "bands.csv", error)) read_bands(s, directory / "bands.csv");
   const fs::path statistics = directory / "statistics.json";
   s.statistics = parse_json(or_throw(read_text(statistics, "a JSON file")));
-  if (!s.statistics.is_object() || !s.statistics.contains("outputs") || !s.statistics.contains("notes"))
-    return tl::unexpected(
-        Error(fmt::format("{}: is not what tribotwin sweep writes; its command with --force writes "
-                          "it anew",
-                          statistics.string())));
+  check_statistics(s.statistics, statistics);
   mark_independent(s);
   return s;
 } catch (const InputError& e) {
   return tl::unexpected(Error(e.what()));
-} catch (const YAML::Exception& e) {
-  return tl::unexpected(Error(fmt::format("{}: {}", (directory / "campaign.yaml").string(), e.what())));
 }
 
 }  // namespace tribotwin::twin::sweep

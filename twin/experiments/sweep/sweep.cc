@@ -241,9 +241,9 @@ Result<SweepStatus> read_status(const fs::path& directory) try {
     return tl::unexpected(Error(fmt::format("{}: {}; give the folder of a sweep", directory.string(), why)));
   };
   if (!fs::is_regular_file(directory / "campaign.yaml", error)) return none("holds no sweep (no campaign.yaml)");
-  const YAML::Node plan = load_yaml(directory / "campaign.yaml");
-  if (!plan["resolved_scenario"] || !plan["runs"]) return none("holds another kind of campaign");
-  SweepStatus status{.planned = plan["runs"].as<std::size_t>(), .seconds_left = {}};
+  Mapping plan((directory / "campaign.yaml").string(), "", load_yaml(directory / "campaign.yaml"));
+  if (!plan.has("resolved_scenario") || !plan.has("runs")) return none("holds another kind of campaign");
+  SweepStatus status{.planned = plan.whole("runs", {1, most_runs}), .seconds_left = {}};
   std::vector<fs::file_time_type> times;
   for (std::size_t r = 0; r < status.planned; ++r) {
     const fs::path file = directory / folder / file_of(r);

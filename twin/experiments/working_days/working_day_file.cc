@@ -33,7 +33,7 @@ void to_json(Json& j, const WorkingDay& d) {
   if (!d.warnings.empty()) j["warnings"] = d.warnings;
 }
 
-std::string to_text(const WorkingDay& day) { return Json(day).dump() + "\n"; }
+std::string to_text(const WorkingDay& day) { return dump_json(Json(day)) + "\n"; }
 
 namespace {
 

@@ -3,6 +3,7 @@
 #include <tribotwin_commit.hpp>  // written by commit.cmake
 
 #include <tribotwin/twin/io/command_line/version.hpp>
+#include <tribotwin/twin/io/json.hpp>
 
 namespace tribotwin::twin::program {
 namespace {
@@ -33,7 +34,7 @@ std::string version_json(const std::string& program, const std::string& engine) 
                               {"compiler", compiler},
                               {"build_type", TRIBOTWIN_BUILD_TYPE}};
   for (const auto& [name, version] : libraries) json["libraries"][name] = version;
-  return json.dump(2);
+  return dump_json(json, 2);
 }
 
 }  // namespace tribotwin::twin::program

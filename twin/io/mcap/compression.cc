@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <new>
 
 #include <fmt/format.h>
 #include <lz4frame.h>
@@ -67,7 +68,9 @@ Result<std::string_view> decompress(std::string_view format, std::string_view by
 
 std::string compressed(std::string_view bytes) {
   std::string out(ZSTD_compressBound(bytes.size()), '\0');
-  out.resize(ZSTD_compress(out.data(), out.size(), bytes.data(), bytes.size(), ZSTD_CLEVEL_DEFAULT));
+  const std::size_t size = ZSTD_compress(out.data(), out.size(), bytes.data(), bytes.size(), ZSTD_CLEVEL_DEFAULT);
+  if (ZSTD_isError(size)) throw std::bad_alloc();  // with room for the worst case nothing else can fail
+  out.resize(size);
   return out;
 }
 

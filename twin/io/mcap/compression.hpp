@@ -28,7 +28,7 @@ class Buffer {
 Result<std::string_view> decompress(std::string_view format, std::string_view bytes, std::uint64_t size,
                                     Buffer& buffer);
 
-/// As zstd at its default level.
+/// As zstd at its default level. Throws std::bad_alloc.
 std::string compressed(std::string_view bytes);
 
 }  // namespace tribotwin::twin::mcap

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/mcap/joint_json.hpp>
 
 namespace tribotwin::twin::mcap {
@@ -13,7 +14,7 @@ namespace {
 using Object = nlohmann::ordered_json;
 
 /// Names come from files and may be no UTF-8.
-std::string json_text(const Object& value) { return value.dump(-1, ' ', false, Object::error_handler_t::replace); }
+std::string json_text(const Object& value) { return dump_json(value); }
 
 /// A number that some readers would take for an integer, and -0 for 0, gets a point.
 void append_number(std::string& out, double value) {

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/input_file.hpp>
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/mcap/bytes.hpp>
 #include <tribotwin/twin/io/mcap/compression.hpp>
@@ -213,6 +214,8 @@ class Reader {
 
   Status take(const Records::Head& head) {
     if (!is_read(head.op) || (in_summary_ && head.op != Op::footer)) return records_.skip(head.length), Status{};
+    if (head.length > limits::mcap_chunk_bytes)
+      return wrong(fmt::format("a record has {} bytes; at most {} are read", head.length, limits::mcap_chunk_bytes));
     const std::string_view content = records_.read(head.length);
     if (content.size() != head.length) return wrong("cannot be read");
     Cursor cursor(content);

@@ -108,6 +108,11 @@ class CsvSource final : public Source {
       if (numbers.left_out++ == 0) numbers.first_left_out = lines_.number();
       return {};
     }
+    if ((numbers.lines.size() + 1) * (picks.size() + 1) * sizeof(double) > limits::csv_numbers_bytes)
+      return tl::unexpected(at_line(file_, lines_.number(),
+                                    fmt::format("is beyond {} rows, the most that are read of so many columns; give a "
+                                                "part of the recording, or leave samples out",
+                                                numbers.lines.size())));
     numbers.lines.push_back(lines_.number());
     for (const Pick& pick : picks) numbers.columns[pick.place].push_back(row[pick.place]);
     return {};

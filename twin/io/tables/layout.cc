@@ -1,6 +1,9 @@
 #include <algorithm>
 #include <optional>
 #include <set>
+#include <string_view>
+#include <unordered_map>
+#include <unordered_set>
 
 #include <fmt/format.h>
 
@@ -55,6 +58,31 @@ Result<std::vector<MappedColumn>> expanded(std::vector<MappedColumn> map, const 
   return all;
 }
 
+/// Places by text, each list ascending: files have up to limits::array_columns columns.
+class Places {
+ public:
+  Places() = default;
+  explicit Places(const std::vector<std::string>& texts) {
+    for (const auto& text : texts) add(text);
+  }
+  void add(const std::string& text) { places_[text].push_back(count_++); }
+  const std::vector<std::size_t>& of(const std::string& text) const {
+    static const std::vector<std::size_t> none;
+    const auto found = places_.find(text);
+    return found == places_.end() ? none : found->second;
+  }
+
+ private:
+  std::unordered_map<std::string, std::vector<std::size_t>> places_;
+  std::size_t count_ = 0;
+};
+
+Places names_of(const Layout& layout) {
+  Places places;
+  for (const auto& column : layout.columns) places.add(column.name);
+  return places;
+}
+
 /// Entries of --columns take the place of what the headers say.
 Status apply_map(Layout& layout, const std::filesystem::path& file, const std::vector<std::string>& texts) {
   if (file.empty()) return {};
@@ -63,23 +91,24 @@ Status apply_map(Layout& layout, const std::filesystem::path& file, const std::v
   const auto map = expanded(std::move(*given), layout);
   if (!map) return tl::unexpected(map.error());
   std::set<std::string> mapped;
+  Places headers(layout.headers), names = names_of(layout);
   for (const auto& entry : *map) {
     if (entry.rate_hz > 0) {
       for (auto& column : layout.columns)
         if (column.name == "time_s") column.name.clear();
       layout.headers.emplace_back("rate_hz");
       layout.columns.push_back({.name = "time_s", .joint = {}, .rate_hz = entry.rate_hz, .problem = {}});
+      headers.add("rate_hz"), names.add("time_s");
       continue;
     }
-    const auto header = std::ranges::find(layout.headers, entry.from);
-    if (header == layout.headers.end())
+    const auto& places = headers.of(entry.from);
+    if (places.empty())
       return tl::unexpected(fmt::format("{}: {} has no column {}; the header names {}", entry.where,
                                         layout.file.string(), shown(entry.from), shown(layout.headers)));
-    if (std::ranges::count(layout.headers, entry.from) > 1)
+    if (places.size() > 1)
       return tl::unexpected(fmt::format("{}: {} has {} columns {}; rename all but one", entry.where,
-                                        layout.file.string(), std::ranges::count(layout.headers, entry.from),
-                                        shown(entry.from)));
-    const auto at = static_cast<std::size_t>(header - layout.headers.begin());
+                                        layout.file.string(), places.size(), shown(entry.from)));
+    const std::size_t at = places.front();
     if (!mapped.insert(entry.from).second)
       return tl::unexpected(fmt::format("{}: {} is mapped already", entry.where, shown(entry.from)));
     layout.columns[at] = {.name = entry.name.text(),
@@ -90,7 +119,7 @@ Status apply_map(Layout& layout, const std::filesystem::path& file, const std::v
                           .offset = entry.offset,
                           .problem = {}};
     // A column that has this name by itself is not meant.
-    for (std::size_t k = 0; k < layout.columns.size(); ++k)
+    for (const std::size_t k : names.of(layout.columns[at].name))
       if (k != at && !mapped.contains(layout.headers[k]) && layout.columns[k].name == layout.columns[at].name)
         layout.columns[k] = {.name = {}, .joint = {}, .problem = {}};
   }
@@ -101,9 +130,7 @@ Status apply_map(Layout& layout, const std::filesystem::path& file, const std::v
 Status apply_torque_constant(Layout& layout, const TableOptions& options) {
   if (!options.torque_constant.given()) return {};
   std::size_t used = 0;
-  const auto has = [&](const std::string& name) {
-    return std::ranges::find(layout.columns, name, &LaidColumn::name) != layout.columns.end();
-  };
+  Places names = names_of(layout);
   for (std::size_t k = 0; k < layout.columns.size(); ++k) {
     LaidColumn& column = layout.columns[k];
     if (!column.quantity || column.quantity->name != "current") continue;
@@ -112,7 +139,7 @@ Status apply_torque_constant(Layout& layout, const TableOptions& options) {
     const auto constant = options.torque_constant.find(joint), gear = options.gear_ratio.find(joint);
     if (!constant) continue;
     const std::string torque = column.joint.empty() ? "torque_nm" : fmt::format("torque_{}_nm", column.joint);
-    if (has(torque))
+    if (!names.of(torque).empty())
       return tl::unexpected(fmt::format(
           "{}:1: has {} beside {}; --torque-constant would replace it: take one of the columns out, or the option",
           layout.file.string(), torque, shown(layout.headers[k])));
@@ -121,7 +148,7 @@ Status apply_torque_constant(Layout& layout, const TableOptions& options) {
           fmt::format("{}:1: column {}: torque at the arm is torque constant x gear ratio x current: --gear-ratio is "
                       "needed (1 where the constant is that of the arm side)",
                       layout.file.string(), shown(layout.headers[k])));
-    column.name = torque;
+    column.name = torque, names.add(torque);
     column.factor *= *constant * *gear, column.offset *= *constant * *gear;
     ++used;
   }
@@ -136,9 +163,9 @@ Status apply_torque_constant(Layout& layout, const TableOptions& options) {
 /// The joints of the table, in the order of the header.
 std::vector<std::string> joints_of(const Layout& layout) {
   std::vector<std::string> joints;
+  std::unordered_set<std::string_view> there;
   for (const auto& column : layout.columns)
-    if (column.quantity && !column.joint.empty() && std::ranges::find(joints, column.joint) == joints.end())
-      joints.push_back(column.joint);
+    if (column.quantity && !column.joint.empty() && there.insert(column.joint).second) joints.push_back(column.joint);
   return joints;
 }
 
@@ -186,9 +213,11 @@ Status choose_joint(Layout& layout, const std::vector<std::string>& wanted, cons
 
 /// Two columns for one quantity cannot both be meant; columns of something else may have one name.
 Status refuse_twice(const Layout& layout) {
+  const Places names = names_of(layout);
   for (std::size_t k = 0; k < layout.columns.size(); ++k)
-    for (std::size_t i = 0; i < k && layout.columns[k].quantity && !layout.columns[k].name.empty(); ++i) {
-      if (layout.columns[i].name != layout.columns[k].name) continue;
+    if (layout.columns[k].quantity && !layout.columns[k].name.empty()) {
+      const std::size_t i = names.of(layout.columns[k].name).front();
+      if (i == k) continue;
       return tl::unexpected(layout.headers[i] == layout.headers[k]
                                 ? fmt::format("{}:1: column {} twice", layout.file.string(), shown(layout.headers[k]))
                                 : fmt::format("{}:1: columns {} and {} are both {}; take one out", layout.file.string(),

@@ -20,8 +20,6 @@ namespace {
 namespace fs = std::filesystem;
 using tables::CsvLines, tables::Pick;
 
-constexpr std::size_t rows_in_memory = 16384;
-
 /// Which column of the file is which.
 struct Meaning {
   std::vector<std::optional<std::size_t>> texts;  ///< place among the wanted, by column of the file
@@ -145,7 +143,7 @@ class Hdf5Rows final : public TableRows {
 
  private:
   Result<void> read() {
-    begin_ = row_, end_ = std::min(row_ + rows_in_memory, reader_.rows());
+    begin_ = row_, end_ = std::min(row_ + ColumnReader::rows_at_once, reader_.rows());
     for (std::size_t column = 0; column < meaning_.texts.size(); ++column) {
       if (const auto& text = meaning_.texts[column]) {
         auto block = reader_.texts(column, begin_, end_ - begin_);

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/io/tables/csv.hpp>
 #include <tribotwin/twin/io/tables/table.hpp>
@@ -39,10 +40,14 @@ Result<Table> read_table(const std::filesystem::path& file) {
   if (!names) return tl::unexpected(names.error());
   Table table{.file = file, .names = std::move(*names), .rows = {}, .lines = {}};
   std::string_view line;
+  std::uintmax_t bytes = 0;
   for (;;) {
     const auto next = lines->next(line);
     if (!next) return tl::unexpected(next.error());
     if (!*next) break;
+    if ((bytes += line.size()) > limits::csv_text_bytes)
+      return tl::unexpected(fmt::format("{}:{}: is beyond {} bytes, the most that is read of such a table",
+                                        file.string(), lines->number(), limits::csv_text_bytes));
     std::vector<std::string> row;
     const auto cells = lines->cells(line, [&](std::size_t, std::string_view cell) {
       row.emplace_back(cell);

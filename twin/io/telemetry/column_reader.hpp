@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -10,9 +11,12 @@
 namespace tribotwin::twin {
 
 /// An HDF5 file of columns as columns_hdf5() and h5py write them: data sets of one dimension and equal length at the
-/// root, of numbers or of text; others are passed over. Rows are read in blocks.
+/// root, of numbers or of text; others are passed over. Rows are read in blocks. A child process reads all of the file
+/// first, because damaged files crash HDF5. Messages name the file.
 class ColumnReader {
  public:
+  static constexpr std::size_t rows_at_once = 16384;  ///< a block of a table that does not fit into memory
+
   static Result<ColumnReader> open(const std::filesystem::path& file);
   ColumnReader(ColumnReader&&) noexcept;
   ~ColumnReader();

@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include <fcntl.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -94,24 +95,42 @@ bool does_with(const std::function<void()>& work, std::uintmax_t most_bytes) {
   return errno != ENOMEM && peak_bytes() - before <= most_bytes;
 }
 
-/// How a child ends that does `work`: as of waitpid.
-int state_after(const std::function<void()>& work, std::uintmax_t most_bytes) {
+enum class Ending : char { crash, no_memory, good };
+
+/// A byte that a child writes and its parent reads: the state of waitpid is lost where SIGCHLD is ignored.
+class SharedEnding {
+ public:
+  SharedEnding() : place_(::mmap(nullptr, 1, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0)) {
+    if (place_ == MAP_FAILED) throw Failure(system_reason(errno));
+  }
+  SharedEnding(const SharedEnding&) = delete;
+  ~SharedEnding() { ::munmap(place_, 1); }
+  volatile Ending& operator*() const { return *static_cast<volatile Ending*>(place_); }
+
+ private:
+  void* place_;  // of zeros: crash
+};
+
+/// How a child ends that does `work`.
+Ending ending_after(const std::function<void()>& work, std::uintmax_t most_bytes) {
+  const SharedEnding ending;
   const pid_t child = ::fork();
   if (child < 0) throw Failure(system_reason(errno));
   if (child == 0) {
     alone = true;
     be_silent();
-    ::_exit(does_with(work, most_bytes) ? 0 : 1);
+    *ending = does_with(work, most_bytes) ? Ending::good : Ending::no_memory;
+    ::_exit(0);
   }
-  int state = 0;
-  while (::waitpid(child, &state, 0) < 0) {
+  while (::waitpid(child, nullptr, 0) < 0) {
+    if (errno == ECHILD) break;
     if (errno != EINTR) throw Failure(system_reason(errno));
     if (!interrupted()) continue;
     ::kill(child, SIGKILL);
-    ::waitpid(child, &state, 0);
+    ::waitpid(child, nullptr, 0);
     throw Failure("interrupted");
   }
-  return state;
+  return *ending;
 }
 
 }  // namespace
@@ -125,10 +144,10 @@ std::uintmax_t memory_for(const fs::path& file) {
 
 bool survives(const std::function<void()>& work, std::uintmax_t most_bytes) {
   const std::lock_guard whole(mutex);  // so that no other thread is inside HDF5 when the child is made
-  int state = state_after(work, most_bytes);
+  Ending ending = ending_after(work, most_bytes);
   // A file that wants memory without end wants it again; a machine that was short of it for a moment is not.
-  if (WIFEXITED(state) && WEXITSTATUS(state) != 0) state = state_after(work, most_bytes);
-  return WIFEXITED(state) && WEXITSTATUS(state) == 0;
+  if (ending == Ending::no_memory) ending = ending_after(work, most_bytes);
+  return ending == Ending::good;
 }
 
 std::string hdf5_reason() {

@@ -28,6 +28,7 @@ namespace fs = std::filesystem;
 using Status = Result<void>;
 
 constexpr char no_record[] = "is no readable HDF5 record";
+constexpr char no_table[] = "is no readable HDF5 table";
 constexpr char not_written[] = "cannot be written";
 
 /// The reason why something failed.
@@ -37,11 +38,11 @@ struct Failure : std::runtime_error {
 
 std::string system_reason(int error);
 
-/// Result of `work`, or the message "FILE: PHRASE (reason)" for any exception: a record that cannot be read is wrong
-/// input, one that cannot be written is failed work.
+/// Result of `work`, or the message "FILE: PHRASE (reason)" for any exception: a record or table that cannot be read is
+/// wrong input, one that cannot be written is failed work.
 template <class Work>
 auto guarded(const fs::path& path, std::string_view phrase, Work&& work) -> Result<decltype(work())> {
-  const ErrorKind kind = phrase == no_record ? ErrorKind::input : ErrorKind::work;
+  const ErrorKind kind = phrase == no_record || phrase == no_table ? ErrorKind::input : ErrorKind::work;
   try {
     if constexpr (std::is_void_v<decltype(work())>) {
       work();

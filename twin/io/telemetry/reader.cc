@@ -31,7 +31,11 @@ std::string column_name(std::string_view channel, std::string_view unit) {
 }
 
 namespace hdf5 {
-namespace {
+
+hid_t open_plainly(const fs::path& path) {
+  check(H5PLset_loading_state(0));
+  return H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
+}
 
 std::vector<std::string> link_names(hid_t group) {
   H5G_info_t info;
@@ -56,21 +60,36 @@ std::vector<std::string> link_names(hid_t group) {
   return names;
 }
 
-/// Throws Failure where HDF5 would take any memory for the numbers that the data set promises.
-void check_storage(hid_t dataset, hid_t properties) {
-  const Id type(H5Dget_type(dataset), H5Tclose);
-  const std::size_t bytes = H5Tget_size(type);
-  if (const auto kind = H5Tget_class(type);
-      (kind != H5T_FLOAT && kind != H5T_INTEGER) || bytes == 0 || bytes > sizeof(double))
-    throw Failure("does not hold numbers");
+namespace {
+
+/// Throws Failure where HDF5 would take any memory for the values that the data set promises.
+void check_storage(hid_t dataset, hid_t properties, std::size_t value_bytes, Texts texts) {
+  const auto kind = H5Tget_class(Id(H5Dget_type(dataset), H5Tclose));
+  const bool number = (kind == H5T_FLOAT || kind == H5T_INTEGER) && value_bytes <= sizeof(double);
+  const bool text = texts == Texts::accept && kind == H5T_STRING && value_bytes <= limits::hdf5_text_bytes;
+  if (value_bytes == 0 || (!number && !text))
+    throw Failure(texts == Texts::refuse
+                      ? "does not hold numbers"
+                      : fmt::format("holds neither numbers of at most {} bytes nor texts of at most {}", sizeof(double),
+                                    limits::hdf5_text_bytes));
   hsize_t rows = 0;
   if (H5Pget_layout(properties) == H5D_CHUNKED && H5Pget_chunk(properties, 1, &rows) == 1 &&
-      rows > limits::hdf5_chunk_bytes / bytes)
+      rows > limits::hdf5_chunk_bytes / value_bytes)
     throw Failure(fmt::format("has chunks of {} rows; at most {} bytes are read", rows, limits::hdf5_chunk_bytes));
 }
 
-/// A dataset and its length, which is checked against the file's size before memory of that size is allocated.
-std::pair<Id, hsize_t> open_column(hid_t parent, const std::string& name, std::uintmax_t file_bytes) {
+/// Whether the chunk that holds row `row` lies within the file.
+bool chunk_is_there(const fs::path& path, hid_t dataset, hsize_t row) {
+  unsigned filters = 0;
+  haddr_t address = HADDR_UNDEF;
+  hsize_t bytes = 0;
+  check(H5Dget_chunk_info_by_coord(dataset, &row, &filters, &address, &bytes));
+  return address != HADDR_UNDEF && address + bytes <= fs::file_size(path);
+}
+
+}  // namespace
+
+std::pair<Id, hsize_t> open_column(hid_t parent, const std::string& name, std::uintmax_t file_bytes, Texts texts) {
   try {
     Id dataset(H5Dopen2(parent, name.c_str(), H5P_DEFAULT), H5Dclose);
     const Id space(H5Dget_space(dataset), H5Sclose), properties(H5Dget_create_plist(dataset), H5Pclose);
@@ -78,46 +97,41 @@ std::pair<Id, hsize_t> open_column(hid_t parent, const std::string& name, std::u
       throw Failure("is stored in other files");
     if (H5Sget_simple_extent_ndims(space) != 1) throw Failure("has not one dimension");
     const hssize_t rows = check(H5Sget_simple_extent_npoints(space));
-    if (static_cast<std::uintmax_t>(rows) / limits::best_compression > file_bytes / sizeof(double))
+    const std::size_t value_bytes = H5Tget_size(Id(H5Dget_type(dataset), H5Tclose));
+    if (static_cast<std::uintmax_t>(rows) / limits::best_compression >
+        file_bytes / std::max(value_bytes, sizeof(double)))
       throw Failure("is longer than the file");
-    check_storage(dataset, properties);
+    check_storage(dataset, properties, value_bytes, texts);
     return {std::move(dataset), rows};
   } catch (const Failure& e) {
     throw Failure(fmt::format("'{}': {}", name, e.what()));
   }
 }
 
-/// Whether the chunk that holds row `row` lies within the file.
-bool chunk_is_there(const Reader& reader, hid_t dataset, hsize_t row) {
-  unsigned filters = 0;
-  haddr_t address = HADDR_UNDEF;
-  hsize_t bytes = 0;
-  check(H5Dget_chunk_info_by_coord(dataset, &row, &filters, &address, &bytes));
-  return address != HADDR_UNDEF && address + bytes <= fs::file_size(reader.path);
-}
-
-void require_stored(const Reader& reader, hid_t dataset, hsize_t from, hsize_t count) {
+void require_stored(const fs::path& path, hid_t dataset, hsize_t from, hsize_t count) {
   const Id properties(H5Dget_create_plist(dataset), H5Pclose);
   const auto cut = [&](hsize_t row) {
-    return Failure(fmt::format("the record is damaged: rows from {} on are not in the file", row));
+    return Failure(fmt::format("it is damaged: rows from {} on are not in the file", row));
   };
   switch (H5Pget_layout(properties)) {
     case H5D_CHUNKED: {
       hsize_t rows = 0;
       check(H5Pget_chunk(properties, 1, &rows));
       for (hsize_t row = from - from % rows; row < from + count; row += rows)
-        if (!chunk_is_there(reader, dataset, row)) throw cut(row);
+        if (!chunk_is_there(path, dataset, row)) throw cut(row);
       break;
     }
     case H5D_CONTIGUOUS: {
       const haddr_t address = H5Dget_offset(dataset);
-      if (address == HADDR_UNDEF || address + H5Dget_storage_size(dataset) > fs::file_size(reader.path)) throw cut(0);
+      if (address == HADDR_UNDEF || address + H5Dget_storage_size(dataset) > fs::file_size(path)) throw cut(0);
       break;
     }
     default:
       break;  // compact: in the object's header, under its checksum
   }
 }
+
+namespace {
 
 void read_everything(const fs::path& path) {
   const Hdf5 hdf5;
@@ -146,8 +160,7 @@ Reader open_record(const fs::path& path) {
   // these do within 0.1 s.
   const Id access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
   check(H5Pset_metadata_read_attempts(access, 25));
-  check(H5PLset_loading_state(0));  // no filter of a file may load code
-  const hid_t plain = H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
+  const hid_t plain = open_plainly(path);
   r.plain = plain >= 0;
   r.file = Id(r.plain ? plain : H5Fopen(path.c_str(), H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, access), H5Fclose);
   const std::uintmax_t bytes = fs::file_size(path);
@@ -164,7 +177,7 @@ Reader open_record(const fs::path& path) {
   for (Columns* columns : {&r.samples, &r.cycles})
     if (const char* name = columns == &r.samples ? "time_s" : "cycle_time_s";
         columns == &r.samples || std::ranges::count(links, name) > 0)
-      std::tie(columns->time, columns->rows) = open_column(r.file, name, bytes);
+      std::tie(columns->time, columns->rows) = open_column(r.file, name, bytes, Texts::refuse);
   for (const auto& link : links) {
     if (link == "complete" || link == "time_s" || link == "cycle_time_s") continue;
     const Id group(H5Gopen2(r.file, link.c_str(), H5P_DEFAULT), H5Gclose);
@@ -172,7 +185,7 @@ Reader open_record(const fs::path& path) {
     r.cycles.joints.emplace_back();
     std::vector<Channel> channels, cycle_channels;
     for (const auto& name : link_names(group)) {
-      auto [dataset, rows] = open_column(group, name, bytes);
+      auto [dataset, rows] = open_column(group, name, bytes, Texts::refuse);
       const std::string time = read_text(dataset, "time");
       const bool cycle = time.empty() ? name.starts_with("cycle_") : time == "cycle_time_s";  // not every record has it
       Columns& columns = cycle ? r.cycles : r.samples;
@@ -198,11 +211,11 @@ Reader open_record(const fs::path& path) {
 void read_rows(const Reader& reader, hid_t dataset, hsize_t from, std::span<double> values) {
   const hsize_t count = values.size();
   if (count == 0) return;
-  require_stored(reader, dataset, from, count);
+  require_stored(reader.path, dataset, from, count);
   const Id in_file(H5Dget_space(dataset), H5Sclose), in_memory(H5Screate_simple(1, &count, nullptr), H5Sclose);
   check(H5Sselect_hyperslab(in_file, H5S_SELECT_SET, &from, nullptr, &count, nullptr));
   if (H5Dread(dataset, H5T_NATIVE_DOUBLE, in_memory, in_file, H5P_DEFAULT, values.data()) < 0)
-    throw Failure("the record is damaged: " + hdf5_reason());
+    throw Failure("it is damaged: " + hdf5_reason());
 }
 
 Rows::Rows(const Reader& reader, const Columns& columns, std::size_t at_once) : reader_(reader), at_once_(at_once) {
@@ -223,13 +236,18 @@ void Rows::get(std::size_t row, std::vector<double>& values) const {
 }
 
 Status probe(const fs::path& path) {
+  return probe(path, "an HDF5 record", no_record, [&] { read_everything(path); });
+}
+
+Status probe(const fs::path& path, std::string_view kind, std::string_view phrase,
+             const std::function<void()>& read_everything) {
   std::error_code error;
   if (!fs::exists(path, error))
     return tl::unexpected(
         fmt::format("{}: {}", path.string(), error ? "cannot be read (" + error.message() + ")" : "does not exist"));
-  if (auto ok = check_input_file(path, "an HDF5 record", limits::any_length, Pipes::refuse); !ok) return ok;
-  return guarded(path, no_record, [&] {
-    if (!survives([&] { read_everything(path); }, memory_for(path)))
+  if (auto ok = check_input_file(path, kind, limits::any_length, Pipes::refuse); !ok) return ok;
+  return guarded(path, phrase, [&] {
+    if (!survives(read_everything, memory_for(path)))
       throw Failure(
           "the file is damaged so that the HDF5 library crashes on it or wants memory without end, or this machine has "
           "too little");
@@ -261,7 +279,7 @@ Result<Recording> read_telemetry(const std::filesystem::path& path) {
     Reader r = open_record(path);
     const auto load = [&](const Columns& columns, std::vector<double>& time_s, auto& values) {
       const auto column = [&](const Id& dataset) {
-        require_stored(r, dataset, 0, columns.rows);  // before memory for them is taken
+        require_stored(r.path, dataset, 0, columns.rows);  // before memory for them is taken
         std::vector<double> data(columns.rows);
         read_rows(r, dataset, 0, data);
         return data;

@@ -1,10 +1,15 @@
 #pragma once
 
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include <tribotwin/twin/io/telemetry/hdf5.hpp>
 
-/// A record opened for reading.
+/// A record opened for reading, and what tables of HDF5 (column_reader.hpp) share with it.
 namespace tribotwin::twin::hdf5 {
 
 /// The columns of a file that share a time column: their common length and, joint by joint, their datasets.
@@ -23,11 +28,27 @@ struct Reader {
   Columns samples, cycles;
 };
 
+/// Opens a file for reading; below 0 where HDF5 cannot. No filter of the file may load code.
+hid_t open_plainly(const fs::path& path);
+
+/// Names in a group, at most limits::hdf5_links. Throws Failure where one is a link to elsewhere.
+std::vector<std::string> link_names(hid_t group);
+
+enum class Texts { refuse, accept };
+
+/// A dataset of one dimension and its length, which is checked against the file's size before memory of that size is
+/// allocated. Throws Failure where it is stored in other files, or holds neither numbers nor, where these are accepted,
+/// texts of at most limits::hdf5_text_bytes.
+std::pair<Id, hsize_t> open_column(hid_t parent, const std::string& name, std::uintmax_t file_bytes, Texts texts);
+
+/// Throws Failure where a part of these rows is missing from the file at `path`: HDF5 itself reads what lies beyond the
+/// end of a file as zeros.
+void require_stored(const fs::path& path, hid_t dataset, hsize_t from, hsize_t count);
+
 /// Throws Failure. Does not follow links to other files, nor storage in other files.
 Reader open_record(const fs::path& path);
 
-/// Throws Failure where a part of these rows is missing from the file or has another checksum: HDF5 itself reads what
-/// lies beyond the end of a file as zeros.
+/// Throws Failure where a part of these rows is missing from the file or has another checksum.
 void read_rows(const Reader& reader, hid_t dataset, hsize_t from, std::span<double> values);
 
 constexpr std::size_t rows_at_once = 4096;  ///< of an export: in memory
@@ -53,5 +74,10 @@ class Rows {
 /// Reads all of a record once in a child process, because some damaged files crash HDF5 1.10. Fails where the child
 /// crashes, where the file does not exist, and where the file cannot be read although nobody writes it.
 Status probe(const fs::path& path);
+
+/// The same of any file of HDF5: `read_everything` reads all of it. `kind` and `phrase` as of check_input_file and
+/// guarded.
+Status probe(const fs::path& path, std::string_view kind, std::string_view phrase,
+             const std::function<void()>& read_everything);
 
 }  // namespace tribotwin::twin::hdf5

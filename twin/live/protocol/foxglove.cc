@@ -14,7 +14,7 @@ namespace {
 
 using Object = nlohmann::ordered_json;
 
-std::string dumped(const Object& message) { return message.dump(-1, ' ', false, Object::error_handler_t::replace); }
+std::string dumped(const Object& message) { return dump_json(message); }
 
 Object of_type(const char* type, const char* description) { return {{"type", type}, {"description", description}}; }
 

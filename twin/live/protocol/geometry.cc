@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/live/protocol/geometry.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
 
@@ -103,9 +104,8 @@ void append_numbers(std::string& text, const Numbers& rows) {
 std::string mesh_text(const mjModel* m, int id, std::size_t triangles) {
   const Mesh whole = mesh_of(m, id), shown = simplified(whole, triangles);
   const char* name = mj_id2name(m, mjOBJ_MESH, id);
-  std::string text =
-      fmt::format(R"({{"name":{},"faces_of_model":{},"vertices":)",
-                  Json(name ? name : "").dump(-1, ' ', false, Json::error_handler_t::replace), whole.faces.size());
+  std::string text = fmt::format(R"({{"name":{},"faces_of_model":{},"vertices":)", dump_json(Json(name ? name : "")),
+                                 whole.faces.size());
   append_numbers(text, shown.vertices);
   text += ",\"faces\":";
   append_numbers(text, shown.faces);
@@ -195,7 +195,7 @@ class Writer {
   }
 
  private:
-  static std::string dumped(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+  static std::string dumped(const Json& json) { return dump_json(json); }
   static Json or_null(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
 
   Json body_json(int body) {

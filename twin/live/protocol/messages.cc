@@ -13,7 +13,7 @@ using Json = nlohmann::ordered_json;
 Json text_or_null(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
 
 /// Names come from files and may be no UTF-8.
-std::string text_of(const Json& message) { return message.dump(-1, ' ', false, Json::error_handler_t::replace); }
+std::string text_of(const Json& message) { return dump_json(message); }
 
 Json drive_json(const DriveStatus& drive) {
   return {{"joint", drive.joint},

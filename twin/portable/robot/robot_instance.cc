@@ -85,16 +85,18 @@ std::unique_ptr<tribotwin_robot> open_robot(const char* token, const char* resou
     throw tw::InputError("the importer names no folder of resources, which hold the robot");
   const fs::path folder = folder_of(resources);
   if (!mju_user_error && !mju_user_warning) tribotwin::mujoco::install_message_handlers();
-  const YAML::Node about = tw::load_yaml(folder / "fmu.yaml");
-  if (!token || about["token"].as<std::string>() != token)
+  tw::Mapping about((folder / "fmu.yaml").string(), "", tw::load_yaml(folder / "fmu.yaml"));
+  if (!token || about.text("token") != token)
     throw tw::InputError("the GUID or token is not that of this FMU's modelDescription.xml");
-  const std::string engine = about["mujoco"].as<std::string>();
+  const std::string engine = about.text("mujoco");
   if (engine != mj_versionString())
     throw tw::InputError(
         fmt::format("it was made for MuJoCo {} but MuJoCo {} is installed here", engine, mj_versionString()));
   auto robot = std::make_unique<tribotwin_robot>();
   robot->mark = mark_of(token);
-  robot->commands = tw::robot_commands(about["commands"].as<std::string>()).value();
+  const auto commands = tw::robot_commands(about.text("commands"));
+  if (!commands) about.fail("commands", "is none that this library knows");
+  robot->commands = *commands;
   robot->scenario = tw::or_throw(tw::load_scenario(folder / "scenario.yaml"));
   robot->variables = tw::robot_variables(*robot->scenario, robot->commands);
   for (const tw::FmuVariable& v : robot->variables)

@@ -387,6 +387,11 @@ check_refused(
 check("nonsense: nothing was written", not os.path.exists(path("nonsense")))
 write("plan.yaml", SMALL.replace("[0.03, 0.002]", "[0.03, 0.001]"))
 check_refused("another plan in the folder", run("plan.yaml", "-o", "one"), "one: holds another campaign")
+for wrong, says in (("many", "must be a finite number"), ("99999999999999", "must be within 1 .. 1e+07")):
+    os.makedirs(path("edited"), exist_ok=True)
+    write("edited/campaign.yaml", content("one/campaign.yaml").replace("\nruns: 40", f"\nruns: {wrong}"))
+    r = run("-o", "edited", "--status", timeout=60)
+    check_refused(f"--status of {wrong} runs", r, ["edited/campaign.yaml:", "runs", says])
 check_refused("a folder of nothing", run("-o", "seven", "--status"), "holds no sweep")
 check_refused("a run beyond the plan", run("small.yaml", "-o", "x", "--run", "40"), "the plan has the runs 0 .. 39")
 check_refused("a run into the sweep's folder", run("small.yaml", "-o", "one", "--run", "3"), "one: holds a sweep")

@@ -112,6 +112,15 @@ TEST_F(Mcap, DamageIsSaid) {
   }
 }
 
+TEST_F(Mcap, ARecordWithoutEndTakesNoMemory) {
+  const auto sparse = write("a.mcap", magic + header + '\5' + le(std::uint64_t{1} << 35));
+  std::filesystem::resize_file(sparse, std::uintmax_t{1} << 36);
+  const auto visit = [](const mcap::Channel&, std::uint64_t, std::string_view) -> Result<void> { return {}; };
+  const auto contents = mcap::read(sparse, visit);
+  ASSERT_FALSE(contents);
+  EXPECT_THAT(contents.error().message, HasSubstr("a record has 34359738368 bytes; at most 1073741824 are read"));
+}
+
 /// A recorder that was killed leaves whole records and a part of one; they are read, and it is said.
 TEST_F(Mcap, AKilledRecorderLosesItsLastChunkOnly) {
   const std::string begin = magic + header + chunk("zstd", parts + messages), second = chunk("lz4", messages);

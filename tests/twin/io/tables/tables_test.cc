@@ -8,9 +8,11 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/tests/twin/io/tables/table_files.hpp>
 #include <tribotwin/twin/io/tables/column_map.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
+#include <tribotwin/twin/io/tables/table.hpp>
 
 namespace tribotwin::twin {
 namespace {
@@ -421,6 +423,17 @@ TEST_F(Tables, MapsThatAreWrongAreRefused) {
     EXPECT_THAT(map.error().message, AllOf(HasSubstr("columns.yaml"), HasSubstr(c.says))) << c.text;
   }
   EXPECT_THAT(read_column_map(folder_ / "none.yaml").error().message, HasSubstr("none.yaml"));
+}
+
+TEST_F(Tables, OfTextsHasALimit) {
+  const auto file = write("a.csv", "name,note\n");
+  const std::string row = "a," + std::string(limits::csv_line_bytes - 8, 'x') + '\n';
+  std::ofstream more(file, std::ios::app);
+  for (std::uintmax_t bytes = 0; bytes <= limits::csv_text_bytes; bytes += row.size()) more << row;
+  more.close();
+  const auto table = read_table(file);
+  ASSERT_FALSE(table);
+  EXPECT_THAT(table.error().message, HasSubstr("a.csv:18: is beyond 268435456 bytes"));
 }
 
 TEST(Failure, OfReadingIsNoEndOfTheTable) {

@@ -117,7 +117,7 @@ class Learning {
       const bool good = in.get<bool>();
       const std::string text = in.text();
       if (good) {
-        store_.put_model(out_.models.emplace_back(from_text(text)));
+        store_.put_model(out_.models.emplace_back(from_text(text, store_.name())));
       } else {
         problem = fmt::format("{}: {}", name_of(groups_[i].type, groups_[i].joint), text);
         out_.notes.push_back("no model of " + problem);

@@ -191,7 +191,7 @@ std::vector<Detail> details_of(const std::filesystem::path& file, const std::vec
   const CusumTail tail;
   std::map<TypeKey, TypeModel> models;
   for (const auto& text : store.model_texts()) {
-    auto m = from_text(text);
+    auto m = from_text(text, store.name());
     const TypeKey key{m.type, m.joint};
     models.emplace(key, std::move(m));
   }
