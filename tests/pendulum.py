@@ -1,6 +1,6 @@
 """The smallest model with a drive, in numbers near mjcf/xl330_pendulum.xml: its friction depends on load; and
 recordings of it. Found as harness.py is."""
-import json, math
+import json, math, re
 
 from harness import path
 
@@ -23,6 +23,17 @@ PENDULUM = """<mujoco model="pendulum">
   <actuator><plugin name="servo" joint="hinge" plugin="tribotwin.drive" instance="servo" actdim="3"/></actuator>
 </mujoco>
 """
+
+
+def several(joints):
+    """A model with such a pendulum for each of the joints, side by side; the first joint is "hinge"."""
+    xml = PENDULUM
+    for k, joint in enumerate(joints[1:], 1):
+        for tag, inner in (("</plugin>", "instance"), ("</worldbody>", "body"), ("</actuator>", "plugin name")):
+            part = re.search(rf"<{inner}.*?(?=<{inner}|{tag})", PENDULUM, re.S).group(0)
+            part = part.replace("servo", f"servo{k}").replace("hinge", joint).replace("pendulum", f"pendulum{k}")
+            xml = xml.replace(tag, part.replace('pos="0 0 0.2"', f'pos="0 {0.1 * k:g} 0.2"') + tag, 1)
+    return xml
 
 
 def write_recordings():

@@ -12,6 +12,15 @@
 namespace tribotwin::render {
 namespace {
 
+/// As much higher as a key of more than three lines needs.
+FigureSize with_room_for_key(const Figure& figure) {
+  int count = 0, longest = 0;
+  for (const Series& s : figure.series)
+    if (!s.label.empty()) ++count, longest = std::max(longest, static_cast<int>(s.label.size()));
+  const int columns = std::max(1, 440 / (8 * longest + 50)), lines = (count + columns - 1) / columns;
+  return {520, 370 + 19 * std::clamp(lines - 3, 0, 30)};
+}
+
 FigureSize size_of(const Figure& figure) {
   if (figure.surface) return {640, 430};
   if (figure.heat_map) {
@@ -23,7 +32,7 @@ FigureSize size_of(const Figure& figure) {
     const auto bars = static_cast<int>(figure.ranking->names.size() * figure.ranking->bars.size());
     return {520, std::clamp(110 + 26 * bars, 190, 900)};
   }
-  if (!figure.matrix) return {520, 370};
+  if (!figure.matrix) return with_room_for_key(figure);
   const int n = static_cast<int>(figure.matrix->names.size());
   return {std::max(520, 170 + 52 * n), std::max(370, 90 + 32 * n)};
 }

@@ -8,7 +8,7 @@ import numpy as np
 from browser import opening
 from harness import check, content, finish, path, run, work
 from numbers_of_page import text_of
-from pendulum import PENDULUM
+from pendulum import PENDULUM, several
 
 twin, report = sys.argv[1:3]
 
@@ -51,16 +51,7 @@ check(
 
 
 # Two joints, of which one does nearly all the work: the other is not overlooked where its friction changes.
-def doubled(xml):
-    """With a second pendulum, "wrist", beside the first."""
-    second = lambda text: text.replace("servo", "small").replace("hinge", "wrist").replace("pendulum", "hand")
-    for tag, inner in (("</plugin>", "instance"), ("</worldbody>", "body"), ("</actuator>", "plugin name")):
-        part = re.search(rf"<{inner}.*?(?={tag})", xml, re.S).group(0)
-        xml = xml.replace(tag, second(part) + tag, 1)
-    return xml
-
-
-write("two.xml", doubled(PENDULUM))
+write("two.xml", several(["hinge", "wrist"]))
 write(
     "two.yaml",
     "model: two.xml\nduration_s: 15\nmotion: {type: cycle, waypoints: [{position_rad: {hinge: -0.5, wrist: -0.1}}, "
@@ -162,7 +153,7 @@ check(
 )
 
 # A slide beside a hinge: the figure of one joint has that joint's unit.
-write("mixed.xml", doubled(PENDULUM).replace('name="wrist"', 'name="wrist" type="slide"'))
+write("mixed.xml", several(["hinge", "wrist"]).replace('name="wrist"', 'name="wrist" type="slide"'))
 write("mixed.yaml", re.sub(r"two\.xml\nduration_s: 15", "mixed.xml\nduration_s: 0.3", content("two.yaml")))
 r = run(twin, "run", "mixed.yaml", "-o", "mixed", "--quiet")
 check("a hinge and a slide run", r.returncode == 0, r.stderr)
