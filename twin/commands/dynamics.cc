@@ -562,6 +562,7 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
                         .band = {},
                         .consistent = {}};
   origin.signals.cutoff_hz = motion.cutoff_hz;
+  origin.signals.reversals = motion.reversals;
   if (static_cast<Index>(robot.model->drives().size()) < robot.regressor.joints()) origin.torque_max_nm = torque_max_nm;
   return origin;
 }

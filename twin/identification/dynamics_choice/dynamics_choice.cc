@@ -96,6 +96,7 @@ class Chooser {
                  .lag_s = decided_.lag_s};
     auto widest = prepare(recordings_, regressor_, s.signals);
     if (!widest) return tl::unexpected(widest.error());
+    s.signals.reversals = widest->reversals;
     set_cutoffs(*widest);
     s.signals.cutoff_hz = widest_hz();
     s.signals.longest_hole_s = hole_periods / widest_hz();  // the same stretches for all cut-offs
@@ -197,7 +198,7 @@ class Chooser {
   }
 
   Result<JointMotion> motion_of(const Preparation& signals) const {
-    if (signals == out_.setting.signals) return motion_;
+    if (signals == out_.setting.signals && motion_.direction.rows() == regressor_.rotors()) return motion_;
     auto motion = prepared(signals);
     if (!motion) return motion;
     if (motion->time_s != target_.motion.time_s)
@@ -378,7 +379,7 @@ class Chooser {
     VectorXd speed(motion_.size());
     for (Index i = 0; i < motion_.size(); ++i) speed(i) = std::abs(regressor_.speed(rotor, motion_.qd.col(i)));
     const double within = share * speed.maxCoeff(), per_period = 1 / (motion_.cutoff_hz * motion_.period_s),
-                 shortest = out_.setting.signals.reversals ? per_period : 1;
+                 shortest = motion_.reversals ? per_period : 1;
     double count = 0, stay = 0;
     for (Index i = 0; i <= motion_.size(); ++i)
       if (i < motion_.size() && motion_.moving(j, i) && speed(i) < within)
@@ -524,9 +525,10 @@ class Chooser {
       s.motors = std::move(motors);
       auto t = tried({what, std::move(s)});
       if (t && is_better(t->comparison, coupled_gain, coupled_sigmas))
-        take(*std::move(t)), prepared_.clear();  // a motor's direction is a part of the motion
+        take(*std::move(t));
       else
         regressor_ = before, base_ = base_before;
+      prepared_.clear();  // a motor's direction is a part of the motion
     }
   }
 

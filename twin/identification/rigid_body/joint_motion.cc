@@ -3,6 +3,7 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <ranges>
 
 #include <fmt/format.h>
 
@@ -100,8 +101,10 @@ Sampling sampling_of(const RobotRecording& rec, const Preparation& preparation, 
   return s;
 }
 
-bool is_long_enough(const RobotRecording& rec, const Stretch& s) {
-  return rec.time_s[s.last] - rec.time_s[s.first] >= 1 && s.last - s.first >= 20;
+bool is_long_enough(const RobotRecording& rec, const Stretch& s, double typical_s) {
+  constexpr std::size_t least = 20;
+  const double length_s = rec.time_s[s.last] - rec.time_s[s.first];
+  return length_s >= std::max(1.0, least * typical_s) && s.last - s.first >= least;
 }
 
 /// How a stretch is filtered and decimated.
@@ -240,7 +243,7 @@ Result<RecordedSpeeds> speeds_on_time(const RobotRecording& rec, std::size_t fil
   for (Index j = 0; j < r.joints(); ++j) {
     auto& stretches = all.emplace_back();
     for (const Stretch& s : sampling.stretches) {
-      if (!is_long_enough(rec, s)) continue;
+      if (!is_long_enough(rec, s, sampling.typical_s)) continue;
       const auto f = filtering_of(rec, s, sampling, preparation);
       if (!f) return tl::unexpected(f.error());
       const auto at = [&](const MatrixXd& values) {
@@ -341,7 +344,7 @@ Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Regres
   }
   std::size_t used = 0;
   for (const Stretch& s : sampling.stretches) {
-    if (!is_long_enough(rec, s)) continue;
+    if (!is_long_enough(rec, s, sampling.typical_s)) continue;
     const auto filtering = filtering_of(rec, s, sampling, preparation);
     if (!filtering) return tl::unexpected(filtering.error());
     if (out.period_s == 0)
@@ -492,22 +495,32 @@ Result<JointMotion> prepare_as_asked(std::span<const RobotRecording> recordings,
 
 Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
                             const Preparation& preparation) {
+  constexpr Index least = 100;
+  constexpr double least_share = 0.05;  // of the samples in which a joint slides
   auto out = prepare_as_asked(recordings, r, preparation);
   if (!out || preparation.reversals) return out;
-  const Index enough = std::max<Index>(100, out->size() / 20);
-  for (Index j = 0; j < r.joints(); ++j) {
-    if (out->is_left_out(j) || out->moving.row(j).count() >= enough) continue;
-    Preparation with_reversals = preparation;
-    with_reversals.reversals = true;
-    auto more = prepare_as_asked(recordings, r, with_reversals);
-    if (!more || more->moving.row(j).count() < enough) continue;
-    more->notes.push_back(
-        fmt::format("joint {} turns so often that {} of {} samples are a period of the cut-off ({:.3g} Hz) from its "
-                    "reversals; those near reversals count, too",
-                    r.joint_name(j), out->moving.row(j).count(), out->size(), out->cutoff_hz));
-    return more;
-  }
-  return out;
+  const auto count = [](const JointMotion& m, Index j) { return m.moving.row(j).count(); };
+  const auto enough = [&](Index j, Index all) {
+    return out->is_left_out(j) ||
+           count(*out, j) >= std::max(least, static_cast<Index>(least_share * static_cast<double>(all)));
+  };
+  const auto joints = std::views::iota(Index{0}, r.joints());
+  if (std::ranges::all_of(joints, [&](Index j) { return enough(j, out->size()); })) return out;
+  Preparation with_reversals = preparation;
+  with_reversals.reversals = true;
+  auto more = prepare_as_asked(recordings, r, with_reversals);
+  if (!more) return out;
+  const auto turns_often = [&](Index j) {
+    const Index all = count(*more, j);
+    return !enough(j, all) && all >= std::max(least, 2 * count(*out, j));
+  };
+  const auto joint = std::ranges::find_if(joints, turns_often);
+  if (joint == joints.end()) return out;
+  more->notes.push_back(fmt::format(
+      "joint {} turns so often that {} of {} samples are a period of the cut-off ({:.3g} Hz) from its reversals; those "
+      "near reversals count, too",
+      r.joint_name(*joint), count(*out, *joint), count(*more, *joint), out->cutoff_hz));
+  return more;
 }
 
 AsRecorded as_recorded(const JointMotion& motion, const MatrixXd& torque) {

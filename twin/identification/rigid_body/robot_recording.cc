@@ -45,16 +45,21 @@ double speed_hardly_exceeded(const std::vector<double>& time, const VectorXd& po
   return *at;
 }
 
-/// Angles within one turn, as some encoders count: they jump where the joint goes on. Removes the jumps; returns how
-/// many there were.
-std::size_t unwrap(Eigen::Ref<Eigen::RowVectorXd, 0, Eigen::InnerStride<>> angle) {
+/// Angles within one turn, as some encoders count: they jump where the joint goes on, unless its limits keep it within
+/// the turn. Removes the jumps; returns how many there were.
+std::size_t unwrap(const Regressor& r, Index joint, RobotRecording& rec) {
   constexpr double turn = 2 * std::numbers::pi, slack = 0.01;
-  if (angle.maxCoeff() - angle.minCoeff() > turn + slack) return 0;
+  const double *range = r.model()->jnt_range + 2 * joint, room = range[1] - range[0];
+  auto angle = rec.position.row(joint);
+  if (r.is_slide(joint) || (r.model()->jnt_limited[joint] && room < turn + slack) ||
+      angle.maxCoeff() - angle.minCoeff() > turn + slack)
+    return 0;
+  const std::vector<bool> gap = after_gap(rec.time_s);
   std::size_t jumps = 0;
   double turns = 0, before = angle(0);
   for (Index i = 1; i < angle.size(); ++i) {
     const double step = angle(i) - std::exchange(before, angle(i));
-    if (std::abs(step) > 0.75 * turn) turns -= std::copysign(1, step), ++jumps;
+    if (std::abs(step) > 0.75 * turn && !gap[static_cast<std::size_t>(i)]) turns -= std::copysign(1, step), ++jumps;
     angle(i) += turns * turn;
   }
   return jumps;
@@ -217,7 +222,7 @@ Problem read_joint(Numbers& table, const JointColumns& columns, const Regressor&
   rec.position.row(joint) = row(JointColumns::position);
   if (!columns.of(table, joint, JointColumns::torque).empty()) rec.torque.row(joint) = row(JointColumns::torque);
   if (columns.of_current(table, joint)) rec.torque.row(joint) = row(JointColumns::current);
-  if (const std::size_t jumps = r.is_slide(joint) ? 0 : unwrap(rec.position.row(joint)))
+  if (const std::size_t jumps = unwrap(r, joint, rec))
     rec.notes.push_back(fmt::format("{}: {} jumps by a turn {} times, where the joint goes on; read without the jumps",
                                     rec.file.string(), name(JointColumns::position), jumps));
   if (Problem p = implausible_position(r, rec, joint, name(JointColumns::position))) return p;

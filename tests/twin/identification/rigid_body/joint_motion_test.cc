@@ -212,23 +212,52 @@ TEST(Derivatives, AreThoseOfASineUpToAFifthOfItsSampling) {
   EXPECT_THAT(second_derivative(parabola, 1), testing::Each(testing::DoubleNear(2, 1e-12)));
 }
 
-TEST(RobotRecording, AnglesWithinATurnGoOn) {
-  const auto model = *mujoco::load_string(R"(<mujoco><worldbody><body>
-    <joint name="table" axis="0 0 1"/><geom size=".1" pos=".3 0 0" mass="3"/></body></worldbody></mujoco>)");
-  const Regressor regressor = *Regressor::create(model->get());
-  const auto file = std::filesystem::path(testing::TempDir()) / "turns.csv";
-  const auto angle = [](double t) { return 9 * std::sin(0.8 * t) + 0.2 * t; };
-  {
-    std::ofstream out(file);
-    out << "time_s,position_table_rad,torque_table_nm\n";
-    for (int i = 0; i < 2500; ++i)
-      out << fmt::format("{},{:.9f},{}\n", i / 250.0, std::remainder(angle(i / 250.0), 2 * M_PI), i % 7);
+struct Table {
+  std::shared_ptr<const mujoco::Model> model;
+  Regressor regressor;
+
+  explicit Table(const char* limits)
+      : model(*mujoco::load_string(fmt::format(R"(<mujoco><compiler angle="radian"/><worldbody><body>
+          <joint name="table" axis="0 0 1" {}/><geom size=".1" pos=".3 0 0" mass="3"/></body></worldbody></mujoco>)",
+                                               limits))),
+        regressor(*Regressor::create(model->get())) {}
+
+  /// `angle` at each time [s].
+  Result<RobotRecording> read(const std::vector<double>& time_s, const std::function<double(double)>& angle) const {
+    const auto file = std::filesystem::path(testing::TempDir()) / "turns.csv";
+    {
+      std::ofstream out(file);
+      out << "time_s,position_table_rad,torque_table_nm\n";
+      for (std::size_t i = 0; i < time_s.size(); ++i)
+        out << fmt::format("{},{:.9f},{}\n", time_s[i], angle(time_s[i]), i % 7);
+    }
+    return read_robot_recording(file, regressor);
   }
-  const auto read = read_robot_recording(file, regressor);
+};
+
+TEST(RobotRecording, AnglesWithinATurnGoOn) {
+  std::vector<double> time_s;
+  for (int i = 0; i < 2500; ++i) time_s.push_back(i / 250.0);
+  const auto angle = [](double t) { return 9 * std::sin(0.8 * t) + 0.2 * t; };
+  const auto read = Table("").read(time_s, [&](double t) { return std::remainder(angle(t), 2 * M_PI); });
   ASSERT_TRUE(read) << read.error().message;
   for (Index i = 0; i < read->position.cols(); ++i)
     ASSERT_NEAR(read->position(0, i), angle(read->time_s[static_cast<std::size_t>(i)]), 1e-6);
   EXPECT_THAT(read->notes, testing::Contains(testing::HasSubstr("position_table_rad jumps by a turn ")));
+}
+
+// Across a gap in time a joint may be anywhere, and one with narrow limits is where it says.
+TEST(RobotRecording, AnglesOfOtherPlacesStay) {
+  std::vector<double> time_s;
+  for (int i = 0; i < 500; ++i) time_s.push_back(i / 100.0 + (i < 250 ? 0 : 20));
+  const auto two_places = [](double t) { return (t < 10 ? -2.5 : 2.5) + 0.3 * std::sin(t); };
+  const auto jump = [](double t) { return (t < 2 ? -2.5 : 2.5) + 0.3 * std::sin(t); };
+  for (const auto& read :
+       {Table("").read(time_s, two_places), Table(R"(range="-2.9 2.9" limited="true")").read(time_s, jump)}) {
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_THAT(read->notes, testing::Not(testing::Contains(testing::HasSubstr("jumps by a turn"))));
+    EXPECT_NEAR(read->position.maxCoeff(), 2.8, 0.05);
+  }
 }
 
 TEST(JointMotion, RestsAreLeftOutAndNoiseIsNoMotion) {
