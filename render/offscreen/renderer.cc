@@ -215,6 +215,7 @@ Result<Renderer> Renderer::create(const mjModel* model, Size size, Quality quali
   m->vis.quality.offsamples = quality.samples;
   m->vis.quality.numslices = std::min(m->vis.quality.numslices, quality.slices_max);
   m->vis.quality.numstacks = std::min(m->vis.quality.numstacks, quality.stacks_max);
+  m->vis.quality.shadowsize = std::min(m->vis.quality.shadowsize, quality.shadow_map_max);
   if (m->nlight == 0) light_up(*m);
   mjv_defaultScene(&impl->scene);
   mjv_makeScene(m, &impl->scene, std::max<int>(1000, 2 * static_cast<int>(m->ngeom) + 500));

@@ -468,7 +468,7 @@ function number(text) {
   if (time) return 3600 * (time[1] ?? 0) + 60 * time[2] + Number(time[3]);
   const date = /^(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d))?)?(?:Z| UTC)?$/.exec(ascii);
   if (date) return Date.UTC(date[1], date[2] - 1, ...date.slice(3).map((part) => part ?? 0)) / 1000;
-  const found = /^(?:± ?|[<>] ?|less than )?([+-]?[\d.]+(?:e[+-]?\d+)?)(?![-\p{L}\d._])/u.exec(ascii);
+  const found = /^(?:± ?|[<>] ?|(?:less|more) than )?([+-]?[\d.]+(?:e[+-]?\d+)?)(?![-\p{L}\d._])/u.exec(ascii);
   return found ? parseFloat(found[1]) : NaN;
 }
 

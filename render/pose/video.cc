@@ -1,6 +1,7 @@
 #include <cmath>
 #include <cstdint>
 #include <fstream>
+#include <future>
 #include <string_view>
 
 #include <fmt/format.h>
@@ -38,6 +39,8 @@ Result<void> check_film(const std::filesystem::path& file) {
   if (at == size && index) return {};
   return work_failed("ffmpeg wrote an incomplete film; is the disk full?");
 }
+
+Result<void> taken(std::future<Result<void>>& frame) { return frame.valid() ? frame.get() : Result<void>(); }
 
 }  // namespace
 
@@ -98,13 +101,18 @@ Result<void> write_video(const std::filesystem::path& file, twin::Existing exist
   const auto cycle_frames = static_cast<std::size_t>(std::clamp(moments.period_s(), cycle_shortest_s, cycle_longest_s) *
                                                      options.frames_per_s);
   const auto times = moments.film_times(static_cast<std::size_t>(std::llround(wanted)), cycle_frames);
+  // A frame is drawn while ffmpeg takes the one before.
+  std::future<Result<void>> fed;
   for (std::size_t i = 0; i < times.size(); ++i) {
-    const auto image = painter->draw(moments.at(times[i]), pose);
+    auto image = painter->draw(moments.at(times[i]), pose);
     if (!image) return fail(image.error());
-    if (auto fed = ffmpeg->write({reinterpret_cast<const char*>(image->rgb.data()), image->rgb.size()}); !fed)
-      return fail(fed.error());
+    if (auto before = taken(fed); !before) return fail(before.error());
+    fed = std::async(std::launch::async, [&ffmpeg = *ffmpeg, frame = std::move(*image)] {
+      return ffmpeg.write({reinterpret_cast<const char*>(frame.rgb.data()), frame.rgb.size()});
+    });
     if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(times.size()));
   }
+  if (auto last = taken(fed); !last) return fail(last.error());
   const auto said = ffmpeg->finish();
   if (!said) return fail(said.error());
   if (!said->empty()) return fail({"ffmpeg: " + *said, ErrorKind::work});

@@ -150,14 +150,14 @@ const Listed* listed_as(const FleetData& data, std::int64_t joint) {
   return l == data.listed.end() ? nullptr : &l->listed;
 }
 
-/// Of more joints than have room, those that are listed on a robot and the first of the others.
+/// Of more joints than have room, those that are listed on a robot and the first of the others, in their order.
 void leave_out(std::vector<std::string>& joints, const FleetData& data) {
-  if (joints.size() <= columns_of_the_plant) return;
-  const auto others = std::ranges::stable_partition(joints, [&](const std::string& joint) {
+  const auto is_listed = [&](const std::string& joint) {
     return std::ranges::any_of(data.listed, [&](const auto& l) { return l.listed.joint.joint == joint; });
-  });
-  const auto listed = static_cast<std::size_t>(others.begin() - joints.begin());
-  joints.resize(std::max(listed, columns_of_the_plant));
+  };
+  const auto listed = static_cast<std::size_t>(std::ranges::count_if(joints, is_listed));
+  std::size_t room = columns_of_the_plant - std::min(columns_of_the_plant, listed);
+  std::erase_if(joints, [&](const std::string& joint) { return !is_listed(joint) && (room == 0 || room-- == 0); });
 }
 }  // namespace
 

@@ -225,7 +225,7 @@ std::string changed_work(const Runs& runs) {
                      where);
 }
 
-/// "; joint3 +20.0 %, joint4 -7.1 % at less power"; nothing where no other joint differs so much.
+/// "; joint3 +20.0 %, joint4 -7.1 % with a smaller change of power"; nothing where no other joint differs so much.
 std::string other_joints(const Runs& runs, const std::vector<FrictionChange>& changes, const FrictionChange& most) {
   constexpr std::size_t shown_max = 3;
   const auto others = others_beyond(watched_share, changes, most);
@@ -234,7 +234,7 @@ std::string other_joints(const Runs& runs, const std::vector<FrictionChange>& ch
     all += fmt::format("{} {} {:+.1f} %{}", all.empty() ? ";" : ",", c->joint, 100 * c->share(),
                        c->run == most.run ? "" : " in " + runs.label(*runs.all[c->run]));
   if (others.size() > shown_max) all += fmt::format(" and {} more", others.size() - shown_max);
-  return all.empty() || !know_power(changes) ? all : all + " at less power";
+  return all.empty() || !know_power(changes) ? all : all + " with a smaller change of power";
 }
 
 std::string sentence(const Runs& runs, const std::vector<FrictionChange>& changes, const FrictionChange* most) {

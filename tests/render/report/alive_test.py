@@ -138,6 +138,7 @@ for what, upwards in (
     ("dates", ["2025-12-31", "2026-02-28 23:59 UTC", "2026-03-01T00:00:30Z", "2026-03-15", "2026-11-02", "–"]),
     ("names that begin with a number", ["77-2", "6620-2", "6620-104417", "6620b", "10000-1", "10000-11"]),
     ("numbers", ["-1.30·10⁻²", "10⁻⁵", "less than 0.1 %", "9 Nm", "1e3", "1 h 00 min 00 s"]),
+    ("shares", ["0 %", "less than 0.1 %", "2.0 %", "99.7 %", "more than 99.9 %", "100 %"]),
     ("numbers with their error", ["± 0.5", "2.0 ± 0.1", "10 ± 3", "<20", "30 (20 … 40)", "100 %"]),
 ):
     found = tab.value(f"({SORTED})({json.dumps(upwards[::-1])})")

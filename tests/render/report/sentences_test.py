@@ -97,14 +97,14 @@ said = compared("two", "both_changed")
 check(
     "beside one that costs more it is named, too",
     said["verdict"].startswith("hinge has more friction in both_changed than in two: ")
-    and said["verdict"].endswith("; wrist +20.0 % at less power."),
+    and said["verdict"].endswith("; wrist +20.0 % with a smaller change of power."),
     said,
 )
 changed("third", {"wrist": 0.9, "hinge": 1.02}, {"hinge": 1.02, "wrist": 0.99})
 said = compared("two", "third")
 check(
     "amber for a joint that is not the first named",
-    said["light"] == "Amber" and said["verdict"].endswith("; wrist -10.0 % at less power."),
+    said["light"] == "Amber" and said["verdict"].endswith("; wrist -10.0 % with a smaller change of power."),
     said,
 )
 changed("cycles", {"wrist": 1.06, "hinge": 1.06}, {"wrist": 30})
