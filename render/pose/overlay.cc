@@ -16,25 +16,26 @@ class Canvas {
   explicit Canvas(Image& image)
       : image_(image),
         surface_(cairo_image_surface_create(CAIRO_FORMAT_RGB24, image.width, image.height), cairo_surface_destroy) {
-    for (int y = 0; y < image.height; ++y)
-      for (int x = 0; x < image.width; ++x) {
-        const std::uint8_t* p = image.at(x, y);
-        row(y)[x] = static_cast<std::uint32_t>(p[0] << 16 | p[1] << 8 | p[2]);
-      }
+    for (int y = 0; y < image.height; ++y) {
+      const std::uint8_t* p = image.at(0, y);
+      std::uint32_t* to = row(y);
+      for (int x = 0; x < image.width; ++x, p += 3) to[x] = static_cast<std::uint32_t>(p[0] << 16 | p[1] << 8 | p[2]);
+    }
     cairo_surface_mark_dirty(surface_.get());
     cairo_.reset(cairo_create(surface_.get()));
   }
   Canvas(const Canvas&) = delete;
   ~Canvas() {
     cairo_surface_flush(surface_.get());
-    for (int y = 0; y < image_.height; ++y)
-      for (int x = 0; x < image_.width; ++x) {
-        const std::uint32_t p = row(y)[x];
-        std::uint8_t* to = image_.at(x, y);
-        to[0] = static_cast<std::uint8_t>(p >> 16);
-        to[1] = static_cast<std::uint8_t>(p >> 8);
-        to[2] = static_cast<std::uint8_t>(p);
+    for (int y = 0; y < image_.height; ++y) {
+      const std::uint32_t* p = row(y);
+      std::uint8_t* to = image_.at(0, y);
+      for (int x = 0; x < image_.width; ++x, to += 3) {
+        to[0] = static_cast<std::uint8_t>(p[x] >> 16);
+        to[1] = static_cast<std::uint8_t>(p[x] >> 8);
+        to[2] = static_cast<std::uint8_t>(p[x]);
       }
+    }
   }
 
   void colour(Colour c, double opacity = 1) {
