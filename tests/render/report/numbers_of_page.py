@@ -1,6 +1,6 @@
 """Every number of a page, outside its figures, is one that a test has computed itself. `take` removes what is expected;
 what is left must have none."""
-import datetime, html, os, re, subprocess
+import datetime, html, math, os, re, subprocess
 
 
 def text_of(page):
@@ -65,6 +65,14 @@ def percent(share):
     if 0.999 < share < 1:
         return "more than 99.9 %"
     return f"{100 * share:.{1 if 0 < share < 0.1 or 0.995 <= share < 1 else 0}f} %"
+
+
+def digits(value, count):
+    """A number as tables of estimates write it."""
+    text = f"{value:.{count}g}"
+    if "e" not in text or not 1e-6 <= abs(value) < 1e7:
+        return text
+    return f"{value:.{max(0, count - 1 - math.floor(math.log10(abs(value))))}f}"
 
 
 def take_identity(n, program, *files):
