@@ -75,7 +75,7 @@ def take_notes(n, j, half, bad):
     if j.inside < 0.9:
         n.take(
             "few in the band",
-            f"only {100 * j.inside:.0f} % of the recorded torques are within the 95 % band of +-{half:.3g} Nm, although",
+            f"only {100 * j.inside:.0f} % of the recorded torques are within the 95 % band of +-{half:.3g} Nm",
         )
 
 
@@ -85,16 +85,11 @@ def take_captions(n, j, half):
         "figure of the torque",
         f"from {begin:.6g} to {end:.6g} s. Band: ± {half:.4g} Nm about it, in which 95 % of recorded torques lie if",
     )
+    over = "mean residual with its 95 % interval; {} of the residual goes with "
     for share, on in j.dependence:
-        n.take(
-            "residual over " + on,
-            f"mean residual with its 95 % interval; {percent(share)} of the residual goes with {on}.",
-        )
+        n.take("residual over " + on, over.format(percent(share)) + on + ".")
     if not j.dependence:
-        n.take(
-            "residual over speed",
-            f"mean residual with its 95 % interval; {percent(j.of_speed)} of the residual goes with speed, as much as",
-        )
+        n.take("residual over speed", over.format(percent(j.of_speed)) + "speed, as much as")
 
 
 def hold(page, check, program, command, files):

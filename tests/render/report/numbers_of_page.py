@@ -79,4 +79,4 @@ def take_identity(n, program, *files):
     """The end of the page's second line: the day on which the newest file was written, and the program's version."""
     day = datetime.datetime.fromtimestamp(max(map(os.path.getmtime, files)), datetime.timezone.utc)
     version = subprocess.run([program, "--version"], capture_output=True, text=True).stdout.split()[1].rstrip(",")
-    n.take("identity", f" · newest file written {day:%Y-%m-%d} · page made with tribotwin {version}\n")
+    n.take("identity", f"newest file written {day:%Y-%m-%d} · page made with tribotwin {version}\n")
