@@ -5,8 +5,10 @@ import html, json, os, re, sys
 import numpy as np
 
 from browser import Browser, opening
+import dynamics_numbers
 import harness
 from harness import check, check_refused, content, finish, path, work
+from numbers_of_page import percent
 from pendulum import PENDULUM
 
 twin, report = sys.argv[1:3]
@@ -57,8 +59,11 @@ def drawn_bands(text):
     return [s for s in series if s["mark"] == "band"], next(s for s in series if s["label"] == "predicted")
 
 
-def percent(share):
-    return f"{100 * share:.{1 if share < 0.1 else 0}f} %"
+def hold_numbers(name, *options):
+    """Of a page of the last prediction."""
+    command = " ".join(["tribotwin-report dynamics predicted.json", *options, "--force"])
+    files = [path(f) for f in ("predicted.json", "predicted.csv", "robot.yaml")]
+    dynamics_numbers.hold(content(name), check, report, command, files)
 
 
 recording("monday.csv", 1, 1.0)
@@ -102,6 +107,7 @@ check(
     ],
     (row, p),
 )
+hold_numbers("dynamics.html", "--png")
 check(
     "columns of numbers are set right, those of units are not",
     page.count('<th class="number" scope="col">value</th>') == 1 and page.count('<th scope="col">unit</th>') == 2,
@@ -244,6 +250,7 @@ check("joints are in the order of the parameters", 0 < page.index(">hinge<") < p
 result = predicted("ripple.csv")
 p = result["joints"]["hinge"]
 r = run(report, "dynamics", "predicted.json", "-o", "ripple.html")
+hold_numbers("ripple.html", "-o", "ripple.html")
 page = content("ripple.html")
 said = opening(page)
 check(

@@ -6,6 +6,7 @@ import glob, hashlib, html, json, os, re, shutil, sys
 import numpy as np
 
 from browser import Browser, opening
+import fit_numbers
 import harness
 from harness import check, check_refused, content, finish, path, work
 from numbers_of_page import number
@@ -75,6 +76,12 @@ def marks(name):
     )
 
 
+def hold_numbers(name, command, parameters, *data):
+    """Of a page that `command` makes of these files."""
+    command = f"tribotwin-report fit {command} --force"
+    fit_numbers.hold(content(name), check, report, command, path(parameters), *map(path, data))
+
+
 check_page = Browser(work, check).check_page
 
 # ---- The page of Bittencourt 2012's law.
@@ -116,6 +123,7 @@ if m:
         < 6e-4,
         said,
     )
+hold_numbers("fit.html", "params.yaml --png --pdf", "params.yaml", "curves.csv")
 check("nothing is fetched", not re.search(r'(src|href)="(?!data:|#)', page) and "@import" not in page)
 rows = re.findall(
     r"<tr><th scope=\"row\">(\w+)</th><td[^>]*>([^<]*)</td><td[^>]*>([^<]*)</td><td[^>]*>([^<]*)</td>"
@@ -252,6 +260,7 @@ check(
     and "not those of the identification" in content("other.html"),
     r.stderr,
 )
+hold_numbers("other.html", "params.yaml other.csv -o other.html", "params.yaml", "curves.csv", "other.csv")
 first = opening(content("other.html"))
 off = re.search(
     r"is off by (\S+) of the maximum torque \(RMS\) on data .* not identified from, (\S+) times", first["verdict"]
@@ -279,6 +288,7 @@ check("data that have changed since", r.returncode == 0 and "5809 samples" in r.
 curves("one_load.csv", 40, loads=[0.3])
 identify("one_load.csv", "one_load.yaml")
 r = run(report, "fit", "one_load.yaml", "-o", "one_load.html")
+hold_numbers("one_load.html", "one_load.yaml -o one_load.html", "one_load.yaml", "one_load.csv")
 text = html.unescape(re.sub("<[^>]*>", " ", content("one_load.html")))
 check(
     "what is not identifiable is listed",
@@ -377,6 +387,7 @@ check(
     r.stderr,
 )
 check_page("bare", path("bare.html"), 0, 1)
+hold_numbers("bare.html", "bare.yaml -o bare.html", "bare.yaml")
 put(
     "calibrated.yaml",
     """law: stribeck

@@ -1,6 +1,6 @@
 """Every number of a page, outside its figures, is one that a test has computed itself. `take` removes what is expected;
 what is left must have none."""
-import html, re
+import datetime, html, math, os, re, subprocess
 
 
 def text_of(page):
@@ -56,3 +56,27 @@ def change(a, b, unit):
 def energy(joule):
     unit, size = next(((u, s) for u, s in (("MJ", 1e6), ("kJ", 1e3)) if abs(joule) >= s), ("J", 1))
     return f"{joule / size:.3g} {unit}"
+
+
+def percent(share):
+    """A share as the page writes it."""
+    if 0 < share < 1e-3:
+        return "less than 0.1 %"
+    if 0.999 < share < 1:
+        return "more than 99.9 %"
+    return f"{100 * share:.{1 if 0 < share < 0.1 or 0.995 <= share < 1 else 0}f} %"
+
+
+def digits(value, count):
+    """A number as tables of estimates write it."""
+    text = f"{value:.{count}g}"
+    if "e" not in text or not 1e-6 <= abs(value) < 1e7:
+        return text
+    return f"{value:.{max(0, count - 1 - math.floor(math.log10(abs(value))))}f}"
+
+
+def take_identity(n, program, *files):
+    """The end of the page's second line: the day on which the newest file was written, and the program's version."""
+    day = datetime.datetime.fromtimestamp(max(map(os.path.getmtime, files)), datetime.timezone.utc)
+    version = subprocess.run([program, "--version"], capture_output=True, text=True).stdout.split()[1].rstrip(",")
+    n.take("identity", f"newest file written {day:%Y-%m-%d} · page made with tribotwin {version}\n")

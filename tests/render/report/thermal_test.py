@@ -7,6 +7,7 @@ import numpy as np
 from browser import Browser, opening
 import harness
 from harness import check, check_refused, content, finish, path, work
+import thermal_numbers
 
 twin, report = sys.argv[1:3]
 page_of = Browser(work, check).check_page
@@ -57,6 +58,12 @@ def rows(text, first):
     """Cells of the table rows that begin with `first`, as they stand in the page's source."""
     cells = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, re.S) for row in re.findall(r"<tr>(.*?)</tr>", text, re.S)]
     return [c for c in cells if c and c[0] == first]
+
+
+def hold_numbers(name, parameters, given, *files):
+    """Of a page of these recordings. `given`: those that the command names."""
+    command = " ".join(["tribotwin-report thermal", parameters, *given, "-o", name, "--force"])
+    thermal_numbers.hold(content(name), check, report, command, path(parameters), [path(f) for f in files])
 
 
 recording("monday.csv", 1, 30)
@@ -167,8 +174,11 @@ for name, data, says in (
         said,
     )
 
+hold_numbers("own.html", "thermal.yaml", ["./monday.csv"], "monday.csv")
+
 # A joint that something else heats.
 r = run(report, "thermal", "thermal.yaml", "tuesday.csv", "faulty.csv", "-o", "faulty.html")
+hold_numbers("faulty.html", "thermal.yaml", ["tuesday.csv", "faulty.csv"], "tuesday.csv", "faulty.csv")
 said = opening(content("faulty.html"))
 check(
     "a fault: red, and the joint is named",
@@ -184,6 +194,7 @@ r = run(twin, "thermal", "short.csv", "-o", "short.yaml", "--json")
 lacking = {j: [n for n in x["unidentifiable"] if n != "T_amb"] for j, x in json.loads(r.stdout)["joints"].items()}
 check("a short record lacks parameters", all(lacking.values()), lacking)
 run(report, "thermal", "short.yaml", "-o", "short.html")
+hold_numbers("short.html", "short.yaml", [], "short.csv")
 short = content("short.html")
 said = opening(short)
 check("a short record: amber, and what to record", said["light"] == "Amber" and "record longer" in said["action"], said)
