@@ -7,6 +7,7 @@ import harness
 from fleet_plant import HEADER, Plant
 from harness import check, check_refused, content, finish, path, work
 from pendulum import PENDULUM
+import sweep_numbers
 
 twin, report = sys.argv[1:3]
 
@@ -84,6 +85,17 @@ headings = re.findall(r"<h3>(.*?)</h3>|<text[^>]*>(.*?)</text>", content("runs/s
 raw = [h for both in headings for h in both if "heat_J" in h or "max_abs" in h or "temperature_degC.end" in h]
 check("sweep: no heading and no figure has an output's expression", headings and not raw, raw[:3])
 check("sweep: no folder of this machine", harness.work not in content("runs/small/report.html"))
+sweep_numbers.hold(
+    content("runs/small/report.html"),
+    check,
+    path("runs/small"),
+    "runs/small",
+    {
+        "heat_J": ("friction heat", "J"),
+        "joints.hinge.temperature_degC.end": ("temperature of hinge at the end", "°C"),
+        "max_abs(hinge.friction_nm)": ("largest friction of hinge", "Nm"),
+    },
+)
 for what in (
     "Sweep small",
     "a pendulum & <its> friction",
