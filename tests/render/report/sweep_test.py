@@ -6,6 +6,7 @@ from browser import Browser, opening
 import harness
 from fleet_plant import HEADER, Plant
 from harness import check, check_refused, content, finish, path, work
+from numbers_of_page import text_of
 from pendulum import PENDULUM
 import sweep_numbers
 
@@ -269,6 +270,8 @@ run(report, "sweep", "runs/single", "-o", "single.html")
 check(
     "sweep of one run", verdict("single.html").startswith("In the only run friction heat is "), verdict("single.html")
 )
+tiles = opening(content("single.html"))["tiles"]
+check("sweep of one output: three tiles", len(tiles) == 3 and "factors\n1\n" in text_of(content("single.html")), tiles)
 run(report, "sweep", "runs/single", "-o", "named.html", "--robot", "arm 3", "--serial-number", "77-2")
 made = opening(content("named.html"))["identity"]
 check("sweep of a robot that the user names", made.startswith("arm 3 · serial number 77-2 · "), made)
