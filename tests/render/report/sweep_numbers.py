@@ -131,8 +131,8 @@ def hold_quadratics(n, sweep):
         digits = lambda text: abs(number(text) / left - 1) < 1e-3 or left < 1e-13 * o.high
         n.match(
             "quadratic: " + o.words,
-            rf"(?<=\n{o.words}\n)\s*A quadratic in both factors, fitted to (\d+) runs: it explains "
-            rf"more than 99 % of the variance \(adjusted\) and leaves a standard deviation of (\S+) {o.difference_unit},",
+            rf"(?<=\n{o.words}\n)\s*A quadratic in both factors, fitted to (\d+) runs: it explains more than 99 % of "
+            rf"the variance \(adjusted\) and leaves a standard deviation of (\S+) {o.difference_unit},",
             lambda runs, text: int(runs) == len(sweep.rows) and explained > 0.99 and digits(text),
         )
 
