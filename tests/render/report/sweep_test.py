@@ -3,6 +3,7 @@ fleet, unfinished and failing sweeps, stores without a verdict, wrong input. Arg
 import csv, glob, json, os, re, shlex, shutil, sqlite3, sys
 
 from browser import Browser, opening
+import fleet_numbers
 import harness
 from fleet_plant import HEADER, Plant
 from harness import check, check_refused, content, finish, path, work
@@ -317,6 +318,7 @@ check(
     "{value:.3f} ({low:.3f} … {high:.3f})".format(**first["margin"]) in text and first["advice"] in text,
     (first, text[:2000]),
 )
+fleet_numbers.hold(content("plant.html"), check, path("plant.db"), {**first, "since": since})
 check("fleet: what was imported", re.search(r"week.csv\t273\t20\t0", text), text[-1500:])
 check("fleet: earlier checks", re.search(rf"{told['date']}\tcheck\t39\t1\t5 %", text), text[-1500:])
 
