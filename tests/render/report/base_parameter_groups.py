@@ -47,8 +47,8 @@ def reach(x):
 
 
 def wrong(model, groups):
-    """Coefficients that are not those with which the model moves, each a text; `groups` by their leading parameters, and
-    a parameter of none must not move the model. To four digits."""
+    """Coefficients that are not those with which the model moves, each a text; `groups` by their leading parameters.
+    A parameter of no group must not move the model. To four digits."""
     links, random = chain(model), np.random.default_rng(1)
     states = [energies(links, *random.uniform(-2, 2, (2, len(links)))) for _ in range(300)]
     columns = {name: np.array([state[name] for state in states]) for name in states[0]}

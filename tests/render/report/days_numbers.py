@@ -90,8 +90,8 @@ def take_head(n, d):
     for joint, day, cycle, found, expected, z in d.changes:
         n.take(
             "verdict",
-            f"Robot 1, test {day + 1}: friction of {joint} changed at {d.minutes(day, cycle):.0f} min, by {found:+.1f} % "
-            f"from one cycle to the next where earlier days had {expected:+.1f} % ({z:.0f} sigma). ",
+            f"Robot 1, test {day + 1}: friction of {joint} changed at {d.minutes(day, cycle):.0f} min, by "
+            f"{found:+.1f} % from one cycle to the next where earlier days had {expected:+.1f} % ({z:.0f} sigma). ",
         )
     sigma, joint = d.least
     seen = 100 * math.expm1((d.threshold + quantile(0.95)) * sigma)

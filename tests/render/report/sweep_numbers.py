@@ -128,11 +128,14 @@ def take_worst(n, sweep):
 def hold_quadratics(n, sweep):
     for key, o in sweep.outputs.items():
         left, explained = quadratic(sweep.factors.values(), o.values)
-        digits = lambda text: abs(number(text) / left - 1) < 1e-3 or left < 1e-13 * o.high
+        rest = rf"a standard deviation of (\S+) {o.difference_unit}, of the other factors and of what is not quadratic"
+        if left < 1e-12 * o.high:
+            rest = "nothing but (rounding)"
+        digits = lambda text: text == "rounding" or abs(number(text) / left - 1) < 1e-3
         n.match(
             "quadratic: " + o.words,
             rf"(?<=\n{o.words}\n)\s*A quadratic in both factors, fitted to (\d+) runs: it explains more than 99 % of "
-            rf"the variance \(adjusted\) and leaves a standard deviation of (\S+) {o.difference_unit},",
+            rf"the variance \(adjusted\) and leaves {rest}\.\n",
             lambda runs, text: int(runs) == len(sweep.rows) and explained > 0.99 and digits(text),
         )
 
