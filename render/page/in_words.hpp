@@ -51,10 +51,15 @@ inline std::string with_superscripts(std::string text) {
   return text;
 }
 
+/// "0.00" of "-0.00", what rounding makes of a small negative number; other numbers as they are.
+inline std::string without_minus_of_zero(std::string number) {
+  return number.starts_with('-') && number.find_first_not_of("-0.") == number.npos ? number.substr(1) : number;
+}
+
 /// "2.75900 ± 0.00067" to the second digit of sigma, a number > 0.
 inline std::string with_sigma(double value, double sigma) {
   const int decimals = std::clamp(1 - static_cast<int>(std::floor(std::log10(sigma))), 0, 9);
-  return fmt::format("{:.{}f} ± {:.{}f}", value, decimals, sigma, decimals);
+  return fmt::format("{} ± {:.{}f}", without_minus_of_zero(fmt::format("{:.{}f}", value, decimals)), sigma, decimals);
 }
 
 /// "serial number 12" of "12"; nothing of none.

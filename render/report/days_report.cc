@@ -145,13 +145,13 @@ class Writer {
         if (s.over_a_day) drift = std::max(drift.value_or(0), *s.over_a_day);
         if (s.over_a_day && s.over_days) over_days = std::max(over_days.value_or(0), *s.over_days);
       }
-    tiles.push_back(
-        {"inertia over a day", share(drift),
-         fmt::format("maximum of the parameters that one cycle identifies within {:.0f} %", 100 * identified_within),
-         !drift          ? nullptr
-         : *drift < 0.05 ? "good"
-                         : "bad"});
-    tiles.push_back({"inertia over days", share(over_days), "maximum standard deviation of the same parameters"});
+    tiles.push_back({"inertia over a day", share(drift),
+                     fmt::format("maximum of the parameters that one cycle identifies within {:.0f} %; their maximum "
+                                 "standard deviation over days: {}",
+                                 100 * identified_within, share(over_days)),
+                     !drift          ? nullptr
+                     : *drift < 0.05 ? "good"
+                                     : "bad"});
   }
 
   void head() {

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/law.hpp>
+#include <tribotwin/render/page/in_words.hpp>
 #include <tribotwin/render/report/sweep/quantity.hpp>
 
 namespace tribotwin::render {
@@ -125,8 +126,7 @@ std::string Quantity::number(double value, double uncertainty) const {
   if (!std::isfinite(value)) return "–";
   const double shown = factor * value, sure = std::abs(factor * uncertainty);
   if (shown != 0 && (std::abs(shown) < 1e-5 || std::abs(shown) >= 1e9)) return fmt::format("{:.4g}", shown);
-  const std::string text = fmt::format("{:.{}f}", shown, decimals_of(shown, std::isfinite(sure) ? sure : 0));
-  return text.find_first_not_of("-0.") == text.npos && text[0] == '-' ? text.substr(1) : text;
+  return without_minus_of_zero(fmt::format("{:.{}f}", shown, decimals_of(shown, std::isfinite(sure) ? sure : 0)));
 }
 
 std::string Quantity::with_unit(double value, double uncertainty) const {

@@ -303,12 +303,17 @@ std::optional<Drawing> surface_over(const SweepView& view, std::size_t output, s
            .z = q.axis(),
            .surface = std::move(surface)};
   f.x.quantity = last_words(f.x.quantity), f.y.quantity = last_words(f.y.quantity);
+  const double deviation = std::sqrt(left);
+  const std::string rest = deviation < 1e-12 * z.cwiseAbs().maxCoeff()
+                               ? "nothing but rounding"
+                               : fmt::format(
+                                     "a standard deviation of {}, of the other factors and of what is not "
+                                     "quadratic",
+                                     q.difference(deviation / q.factor, deviation / q.factor));
   return Drawing{std::move(f),
-                 fmt::format("A quadratic in both factors, fitted to {} runs: it explains {} of the "
-                             "variance (adjusted) and leaves a standard deviation of {}, of the other "
-                             "factors and of what is not quadratic.",
-                             n, explained > 0.99 ? "more than 99 %" : fmt::format("{:.0f} %", 100 * explained),
-                             q.difference(std::sqrt(left) / q.factor, std::sqrt(left) / q.factor))};
+                 fmt::format("A quadratic in both factors, fitted to {} runs: it explains {} of the variance "
+                             "(adjusted) and leaves {}.",
+                             n, explained > 0.99 ? "more than 99 %" : fmt::format("{:.0f} %", 100 * explained), rest)};
 }
 
 std::optional<Drawing> band_over_time(const SweepView& view, std::size_t index) {

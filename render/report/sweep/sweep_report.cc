@@ -172,6 +172,10 @@ class Writer {
                            : "of all combinations"});
       ++shown;
     }
+    // A page has three tiles or more.
+    if (shown < 2) tiles.push_back({"factors", fmt::format("{}", sweep_.keys.size()), "that the plan sets"});
+    if (shown == 0)
+      tiles.push_back({"outputs", fmt::format("0 of {}", sweep_.outputs.size()), "that have a value", "bad"});
     return tiles;
   }
 

@@ -1,4 +1,4 @@
-// Shares as pages say them: none is said to be all or nothing that is not.
+// Numbers as pages say them: no share is said to be all or nothing that is not, no zero is negative.
 #include <cmath>
 #include <limits>
 
@@ -25,6 +25,11 @@ TEST(Percent, NothingAndAllAreOnlyThose) {
   EXPECT_EQ(percent(0.9996), "more than 99.9 %");
   EXPECT_EQ(percent(std::nextafter(1, 0)), "more than 99.9 %");
   EXPECT_EQ(percent(1), "100 %");
+}
+
+TEST(WithSigma, WhatRoundsToZeroHasNoMinus) {
+  EXPECT_EQ(with_sigma(-3e-6, 1.2e-4), "0.00000 ± 0.00012");
+  EXPECT_EQ(with_sigma(-3e-5, 1.2e-4), "-0.00003 ± 0.00012");
 }
 
 }  // namespace

@@ -8,6 +8,7 @@ from browser import Browser, opening
 import diagnosis_numbers
 import harness
 import numbers_of_page
+import study_numbers
 from harness import check, finish, path, work
 
 twin, report, source = sys.argv[1:4]
@@ -379,6 +380,9 @@ check(
     len(re.findall(r"^wear, 0\.1\t87\.5 %\t.*\t12\.5 %$", text, re.M)) == 2,
     re.findall("^wear.*", text, re.M),
 )
+faults = json.loads(run(twin, "list", "faults", "--json").stdout)
+footprints = {fault["name"]: fault["description"] for fault in faults}
+study_numbers.hold(harness.content("study/report.html"), check, whole, footprints)
 with open(page) as f:
     drawing = re.search(r'<svg[^>]*aria-label="joint3: ROC of wear.*?</svg>', f.read(), re.S)
 dashes = (

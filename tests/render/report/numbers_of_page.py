@@ -17,6 +17,12 @@ def number(text):
     return float(mantissa) * 10 ** int(power.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")) or 0)
 
 
+def typeset(text):
+    """As the page writes a number that Python writes so: 1.3e-04"""
+    mantissa, _, power = text.partition("e")
+    return mantissa + ("·10" + str(int(power)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")) if power else "")
+
+
 class Numbers:
     def __init__(self, page, check):
         self.text, self.check = text_of(page), check

@@ -3,10 +3,13 @@ fleet, unfinished and failing sweeps, stores without a verdict, wrong input. Arg
 import csv, glob, json, os, re, shlex, shutil, sqlite3, sys
 
 from browser import Browser, opening
+import fleet_numbers
 import harness
 from fleet_plant import HEADER, Plant
 from harness import check, check_refused, content, finish, path, work
+from numbers_of_page import text_of
 from pendulum import PENDULUM
+import sweep_numbers
 
 twin, report = sys.argv[1:3]
 
@@ -84,6 +87,17 @@ headings = re.findall(r"<h3>(.*?)</h3>|<text[^>]*>(.*?)</text>", content("runs/s
 raw = [h for both in headings for h in both if "heat_J" in h or "max_abs" in h or "temperature_degC.end" in h]
 check("sweep: no heading and no figure has an output's expression", headings and not raw, raw[:3])
 check("sweep: no folder of this machine", harness.work not in content("runs/small/report.html"))
+sweep_numbers.hold(
+    content("runs/small/report.html"),
+    check,
+    path("runs/small"),
+    "runs/small",
+    {
+        "heat_J": ("friction heat", "J"),
+        "joints.hinge.temperature_degC.end": ("temperature of hinge at the end", "°C"),
+        "max_abs(hinge.friction_nm)": ("largest friction of hinge", "Nm"),
+    },
+)
 for what in (
     "Sweep small",
     "a pendulum & <its> friction",
@@ -257,6 +271,8 @@ run(report, "sweep", "runs/single", "-o", "single.html")
 check(
     "sweep of one run", verdict("single.html").startswith("In the only run friction heat is "), verdict("single.html")
 )
+tiles = opening(content("single.html"))["tiles"]
+check("sweep of one output: three tiles", len(tiles) == 3 and "factors\n1\n" in text_of(content("single.html")), tiles)
 run(report, "sweep", "runs/single", "-o", "named.html", "--robot", "arm 3", "--serial-number", "77-2")
 made = opening(content("named.html"))["identity"]
 check("sweep of a robot that the user names", made.startswith("arm 3 · serial number 77-2 · "), made)
@@ -302,6 +318,7 @@ check(
     "{value:.3f} ({low:.3f} … {high:.3f})".format(**first["margin"]) in text and first["advice"] in text,
     (first, text[:2000]),
 )
+fleet_numbers.hold(content("plant.html"), check, path("plant.db"), {**first, "since": since})
 check("fleet: what was imported", re.search(r"week.csv\t273\t20\t0", text), text[-1500:])
 check("fleet: earlier checks", re.search(rf"{told['date']}\tcheck\t39\t1\t5 %", text), text[-1500:])
 

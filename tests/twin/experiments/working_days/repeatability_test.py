@@ -147,6 +147,7 @@ check(
 if report:
     sys.path.insert(0, os.path.join(source, "tests", "render", "report"))
     from browser import Browser, opening
+    import days_numbers
 
     r = run("days", "late", "--quiet", which=report)
     said = opening(open(f"{work}/late/report.html").read())
@@ -168,6 +169,7 @@ if report:
         page.index('id="verdict"') < page.index("Two days") and said["identity"].startswith("EFORT ER3A-C60 ·"),
         said,
     )
+    days_numbers.hold(page, check, f"{work}/days", source, "mjcf/er3a_c60.xml")
     campaign = open(f"{work}/days/campaign.yaml").read()
     with open(f"{work}/days/campaign.yaml", "w") as f:
         f.write(re.sub(r"^# MuJoCo [^,]*,", "# MuJoCo 1.9.9,", campaign))

@@ -1,0 +1,182 @@
+"""Every number outside the figures of the page of a campaign over working days, computed from the files of its days,
+its campaign.yaml, and the names of its tables. Time constants are those of time_constants.csv."""
+import csv, json, math, os, re
+from statistics import NormalDist
+
+import numpy as np
+import yaml
+
+import base_parameter_groups
+from numbers_of_page import Numbers, typeset
+
+IDENTIFIED_WITHIN = 0.02  # in each cycle, of a parameter whose change over a day is reported
+quantile = NormalDist().inv_cdf
+
+
+class Days:
+    """Of one robot whose first day has no change."""
+
+    def __init__(self, folder):
+        rows = lambda name: list(csv.DictReader(open(os.path.join(folder, name + ".csv"))))
+        with open(os.path.join(folder, "campaign.yaml")) as f:
+            self.campaign_text = f.read()
+        self.campaign = yaml.safe_load(self.campaign_text)
+        self.days = []
+        for day in range(1, self.campaign["days"] + 1):
+            with open(os.path.join(folder, "tests", f"robot1_day{day}.json")) as f:
+                self.days.append(json.load(f))
+        first = [row for row in rows("inertial") if row["test"] == "1" and row["cycle"] == "1"]
+        self.parameters = [(row["parameter"], row["unit"].replace("^2", "²")) for row in first]
+        self.joints = list(dict.fromkeys(row["joint"] for row in rows("friction")))
+        self.times = {(row["test"], row["joint"], row["parameter"]): row for row in rows("time_constants")}
+        steps = [(day, cycle) for day in self.days[1:] for cycle in range(1, len(day["cycles"]))]
+        self.comparisons = len(steps) * len(self.joints)
+        self.threshold = quantile(1 - 0.005 / self.comparisons)
+        self.compare()
+
+    def step(self, day, cycle, joint):
+        """Relative change of friction since the cycle before, as a logarithm, and its standard deviation."""
+        (now, now_sigma), (then, then_sigma) = (
+            self.days[day]["cycles"][k]["level_nm"][joint] for k in (cycle, cycle - 1)
+        )
+        return math.log(now / then), math.hypot(now_sigma / now, then_sigma / then)
+
+    def compare(self):
+        self.changes, self.least, earlier = [], (0, ""), [0]
+        for day in range(1, len(self.days)):
+            found = []
+            for j, joint in enumerate(self.joints):
+                for cycle in range(1, len(self.days[day]["cycles"])):
+                    before = np.array([self.step(e, cycle, j) for e in earlier])
+                    (now, sigma), mean = self.step(day, cycle, j), np.mean(before[:, 0])
+                    sigma = math.hypot(sigma, np.linalg.norm(before[:, 1]) / len(before))
+                    self.least = max(self.least, (sigma, joint))
+                    change = (joint, day, cycle, 100 * math.expm1(now), 100 * math.expm1(mean), abs(now - mean) / sigma)
+                    found += [change] if change[-1] >= self.threshold else []
+            self.changes += found
+            earlier += [] if found else [day]
+        self.unchanged = earlier
+
+    def minutes(self, day, cycle):
+        return self.days[day]["cycles"][cycle]["start_s"] / 60
+
+    def spread(self, p):
+        """Weighted mean and sigma over days without a change; standard deviation over days; change over a day."""
+        values, sigmas = np.array([self.days[d]["base"][p] for d in self.unchanged]).T
+        weights = sigmas**-2
+        mean, over_a_day = np.sum(weights * values) / np.sum(weights), None
+        for d in self.unchanged:
+            cycles = np.array([cycle["base"][p] for cycle in self.days[d]["cycles"]])
+            third = len(cycles) // 3
+            if third and np.all(cycles[:, 1] < IDENTIFIED_WITHIN * abs(mean)):
+                change = np.mean(cycles[-third:, 0]) - np.mean(cycles[:third, 0])
+                over_a_day = max(over_a_day or 0, abs(change / mean))
+        over_days = np.std(values, ddof=1) / abs(mean) if len(values) > 1 and over_a_day is not None else None
+        return mean, np.sum(weights) ** -0.5, over_days, over_a_day
+
+
+def share(x):
+    return "–" if x is None else f"{100 * x:.2f} %"
+
+
+def with_sigma(value, sigma):
+    decimals = min(max(1 - math.floor(math.log10(sigma)), 0), 9)
+    text = f"{value:.{decimals}f} ± {sigma:.{decimals}f}"
+    return text[1:] if float(text.split()[0]) == 0 and text[0] == "-" else text
+
+
+def take_head(n, d):
+    c, cycles = d.campaign, d.days[0]["cycles"]
+    for joint, day, cycle, found, expected, z in d.changes:
+        n.take(
+            "verdict",
+            f"Robot 1, test {day + 1}: friction of {joint} changed at {d.minutes(day, cycle):.0f} min, by "
+            f"{found:+.1f} % from one cycle to the next where earlier days had {expected:+.1f} % ({z:.0f} sigma). ",
+        )
+    sigma, joint = d.least
+    seen = 100 * math.expm1((d.threshold + quantile(0.95)) * sigma)
+    n.take(
+        "what is seen",
+        f"A change of {seen:.3g} % from one cycle to the next is seen in 95 % of cases ({joint}; smaller ones of other "
+        f"joints), none on the first day or after {d.minutes(0, -1):.2g} of a day's {c['duration_s'] / 60:.2g} min.",
+    )
+    n.take("rule", "a change of 30 % could be missed, less than 50 % of a day is compared")
+    length = f"1 robot, {c['days']} days of {c['duration_s'] / 3600:.3g} h"
+    n.take("tests", f"\ntests\n{len(d.days)}\n{length}\n", f"cycles\n{len(cycles)}\nof the motion on a day")
+    of = f"of {d.comparisons} comparisons, beyond {d.threshold:.2f} sigma"
+    n.take("changes", f"changes\n{len(d.changes)}\n{of}\n")
+    merged = [key[1] for key, row in d.times.items() if key[0] == "mix" and row["identifiable"] == "yes"]
+    n.take("time constants", f"time constants\n{len(set(merged))} of {len(d.joints)}\n")
+    spreads = [d.spread(p)[2:] for p in range(len(d.parameters))]
+    drift, over_days = (max((s[k] for s in reversed(spreads) if s[k] is not None), default=None) for k in (1, 0))
+    n.take(
+        "inertia",
+        f"inertia over a day\n{share(drift)}\nmaximum of the parameters that one cycle identifies within 2 %; their "
+        f"maximum standard deviation over days: {share(over_days)}\n",
+    )
+
+
+def take_changes(n, d):
+    for joint, day, cycle, found, expected, z in d.changes:
+        row = [joint, "1", str(day + 1), str(cycle + 1), f"{d.minutes(day, cycle):.1f}"]
+        n.take("change", "\n".join([*row, f"{found:+.2f} %", f"{expected:+.2f} %", f"{z:.1f}"]) + "\n")
+    n.take(
+        "a change", f"more than {d.threshold:.2f} standard deviations: of campaigns without a change, 1 % report any"
+    )
+
+
+def take_times(n, d):
+    n.take("columns", "Robot 1\nminutes\n" + "\n".join(d.joints) + "\n")
+    changed = {change[1] for change in d.changes}
+    tests = [(str(k + 1), f"test {k + 1}" + ", changed" * (k in changed)) for k in range(len(d.days))]
+    for name in ("t1", "t2"):
+        for test, called in [*tests, ("mix", "Mix")]:
+            row = [f"{name}, {called}"]
+            for joint in d.joints:
+                found = d.times.get((test, joint, name), {"identifiable": "no"})
+                known = found["identifiable"] == "yes"
+                row += [f"{float(found['value_s']) / 60:.3f} ± {float(found['sigma_s']) / 60:.2g}" if known else "*"]
+            n.take("time constant", "\n".join(row) + "\n")
+
+
+def take_base(n, d):
+    for p, (name, unit) in enumerate(d.parameters):
+        mean, sigma, over_days, over_a_day = d.spread(p)
+        true = d.days[0]["base_of_robot"][p]
+        simulated = "0" if abs(true) < 1e-12 else typeset(f"{true:.4g}")
+        row = [name, unit, with_sigma(mean, sigma), simulated, share(over_days), share(over_a_day)]
+        n.take("base parameter", "\n".join(row) + "\n")
+
+
+def take_groups(n, d, model):
+    """What the base parameters stand for, and the captions of those that the first day identifies best."""
+    rows = dict(re.findall(r"\n(\S+)\n(\1 [+-] .*)\n", n.text))
+    groups = [rows.get(name, name) for name, _ in d.parameters]
+    bad = base_parameter_groups.wrong(model, groups)
+    n.check("number: combinations of parameters are those with which the model moves", not bad, bad)
+    n.take("stands for", *(f"{name}\n{group}\n" for name, group in rows.items()))
+    precision = [-abs(value) / sigma for value, sigma in d.days[0]["base"]]
+    captions = [f"{groups[p]}, of each cycle, with one sigma." for p in np.argsort(precision)[:6]]
+    n.take("best identified", *captions)
+
+
+def hold(page, check, folder, source, model):
+    """Of a page of one robot; `source`: the folder of `model`, which the page leaves out."""
+    n, d = Numbers(page, check), Days(folder)
+    n.take("campaign.yaml", d.campaign_text.replace(source + "/", ""))
+    n.match(
+        "identity",
+        r"EFORT ER3A-C60 · .* [\d-]+ · page made with tribotwin [\d.]+ · simulated by MuJoCo [\d.]+\n",
+        lambda: True,
+    )
+    take_head(n, d)
+    take_changes(n, d)
+    take_times(n, d)
+    take_base(n, d)
+    n.take("friction over the day", "At 60 % of the maximum speed: ")
+    take_groups(n, d, os.path.join(source, model))
+    # What is no measured number: the paper, a share that is a setting, column heads.
+    n.take("words", "Hao 2021", "at speed 0", "one cycle does not identify it within 2 %")
+    heads = ["robot 1", *("robot 1, " + what for what in ("as simulated", "over days", "over a day"))]
+    n.take("columns", "\n".join(heads) + "\n")
+    n.finish("days")
