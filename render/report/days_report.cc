@@ -121,9 +121,9 @@ class Writer {
   std::vector<Tile> tiles() const {
     std::vector<Tile> tiles;
     tiles.push_back({"tests", fmt::format("{}", data_.results.days.size()),
-                     fmt::format("{} robot{}, {} day{} of {:.3g} h and {} cycles of the motion", c_.robots,
-                                 c_.robots > 1 ? "s" : "", c_.days, c_.days > 1 ? "s" : "", c_.duration_s / 3600,
-                                 day(0, 0).cycles.size())});
+                     fmt::format("{} robot{}, {} day{} of {:.3g} h", c_.robots, c_.robots > 1 ? "s" : "", c_.days,
+                                 c_.days > 1 ? "s" : "", c_.duration_s / 3600)});
+    tiles.push_back({"cycles", fmt::format("{}", day(0, 0).cycles.size()), "of the motion on a day"});
     if (f_.comparisons)
       tiles.push_back({"changes", fmt::format("{}", f_.changes.size()),
                        fmt::format("of {} comparisons, beyond {:.2f} sigma", f_.comparisons, f_.threshold),

@@ -28,10 +28,12 @@ struct Session {
   MatrixXd power_w, temperature_degC;  ///< power: mean since the sample before
 };
 
+std::size_t group_of(std::size_t samples, std::size_t limit) { return (samples + limit - 1) / limit; }
+
 /// At most `limit` samples: means over groups of equal size, with the mean power between their mean times.
 Session averaged(std::span<const JointHeat> joints, std::size_t session, std::size_t limit) {
   const auto& time = joints.front().sessions[session].time_s;
-  const std::size_t group = (time.size() + limit - 1) / limit, count = time.size() / group;
+  const std::size_t group = group_of(time.size(), limit), count = time.size() / group;
   const auto n = static_cast<Index>(joints.size());
   Session out{.time_s = std::vector<double>(count, 0.0),
               .power_w = MatrixXd::Zero(n, static_cast<Index>(count)),
@@ -342,6 +344,22 @@ std::vector<Lacking> judged(const ThermalChainFit& fit, std::span<const JointHea
 
 }  // namespace
 
+namespace {
+
+/// Noise of samples whose means were fitted to `rms_K`: with what the means took, by differences of neighbours.
+double noise_of_samples(std::span<const JointHeat> joints, double rms_K) {
+  double taken = 0, count = 0;
+  for (const JointHeat& joint : joints)
+    for (const HeatSession& s : joint.sessions) {
+      const double share = 1 - 1 / static_cast<double>(group_of(s.temperature_degC.size(), max_samples));
+      for (std::size_t i = 1; i < s.temperature_degC.size(); ++i, ++count)
+        taken += share * std::pow(s.temperature_degC[i] - s.temperature_degC[i - 1], 2) / 2;
+    }
+  return std::sqrt(rms_K * rms_K + taken / count);
+}
+
+}  // namespace
+
 Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints, ChainWinding winding) {
   if (auto ok = require_chain(joints); !ok) return tl::unexpected(ok.error());
   std::vector<Session> sessions;
@@ -390,7 +408,7 @@ Result<ThermalChainFit> fit_thermal_chain(std::span<const JointHeat> joints, Cha
   if (can_be_propagated(in_file_order, numbers_of(fit.chain)))
     fit.uncertainty = {.covariance = in_file_order,
                        .sigmas = quantile,
-                       .noise = {.white = fit.rms_K},
+                       .noise = {.white = noise_of_samples(joints, fit.rms_K)},
                        .surroundings = {.days = files_of(joints.front().sessions)},
                        .slower = {}};
   fit.lacking = judged(fit, joints, in_file_order);

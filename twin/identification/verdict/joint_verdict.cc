@@ -142,8 +142,8 @@ std::vector<Dependence> dependence_of(const JointMotion& motion, const Eigen::Ma
   std::vector<double> load = of(gear_load), time_s(c.sample.size()), against = c.residual;
   for (std::size_t k = 0; k < c.sample.size(); ++k) {
     load[k] = std::abs(load[k]);
-    time_s[k] = static_cast<double>(c.sample[k]);  // files follow each other
-    against[k] *= speed[k] < 0 ? -1 : 1;           // as friction does
+    time_s[k] = period_s * static_cast<double>(c.sample[k]);  // files follow each other
+    against[k] *= speed[k] < 0 ? -1 : 1;                      // as friction does
   }
   std::vector<Dependence> all{examined("speed", speed, c.residual, c.run, false),
                               examined("load", load, against, c.run, false),

@@ -74,12 +74,12 @@ TEST(ThermalBand, HoldsTheTemperaturesOfOtherDays) {
 
 /// Three joints that warm each other; another day has other power and other surroundings.
 std::vector<JointHeat> chain_day(const ThermalChain& truth, double power_w, const Disturbance& d,
-                                 std::mt19937_64& random) {
+                                 std::mt19937_64& random, double step_s = 30) {
   std::normal_distribution<double> normal;
   std::vector<JointHeat> joints;
   for (std::size_t j = 0; j < truth.joints.size(); ++j) {
     HeatSession s;
-    for (double t = 0; t <= 2 * 3600; t += 30) {
+    for (double t = 0; t <= 2 * 3600; t += step_s) {
       s.time_s.push_back(t);
       s.power_w.push_back(t > 0 ? power_w * (1 + std::sin(t / (300.0 + 200.0 * static_cast<double>(j)))) : 0);
       s.temperature_degC.push_back(truth.ambient_degC[j] + static_cast<double>(j));
@@ -119,6 +119,20 @@ TEST(ThermalBand, OfAChainHoldsTheTemperaturesOfOtherDays) {
     }
   }
   coverage.expect_of_95_percent("a chain, another day");
+}
+
+// Of more than 300 samples means are fitted, whose noise is less than that of what was recorded.
+TEST(ThermalBand, OfAChainHoldsItsOwnDayOfManySamples) {
+  std::mt19937_64 random(6);
+  const ThermalChain truth{.joints = {"a", "b", "c"},
+                           .gain_K_J = {0.002, 0.003, 0.004},
+                           .t_s = {2500, 2000, 1500},
+                           .ambient_degC = {24, 25, 26},
+                           .exchange_1_s = 3e-4};
+  const auto day = chain_day(truth, 4, {.white_K = 0.05}, random, 2);
+  const auto fit = fit_thermal_chain(day);
+  ASSERT_TRUE(fit) << fit.error().message;
+  EXPECT_NEAR(fit->uncertainty->noise.white, 0.05, 0.005);
 }
 
 TEST(ThermalBand, IsTheSameFromAFile) {
