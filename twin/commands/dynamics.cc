@@ -24,7 +24,6 @@
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/identification/verdict/torque_band.hpp>
 #include <tribotwin/twin/io/input.hpp>
-#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -562,7 +561,6 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
                         .band = {},
                         .consistent = {}};
   origin.signals.cutoff_hz = motion.cutoff_hz;
-  origin.signals.reversals = motion.reversals;
   if (static_cast<Index>(robot.model->drives().size()) < robot.regressor.joints()) origin.torque_max_nm = torque_max_nm;
   return origin;
 }
@@ -830,7 +828,7 @@ Result<Exit> execute(const Arguments& a) {
   }
   const Report report{robot,        choice, *fit, consistency, consistent, judgement,
                       efficiencies, data,   lag,  left_out,    a.data};
-  return deliver(a.json ? dump_json(json_of(report, motion.cutoff_hz), 2) + "\n" : text_of(report));
+  return deliver(a.json ? json_of(report, motion.cutoff_hz).dump(2) + "\n" : text_of(report));
 }
 
 /// Friction, outliers, lags and coupled motors.

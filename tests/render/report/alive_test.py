@@ -157,6 +157,7 @@ check("report of one sample", r.returncode == 0, r.stderr)
 browser.open(path("one/report.html"))
 POINTS = """[...document.querySelectorAll('svg.live:not(.sample) .series path')].filter(p => p.getTotalLength() === 0
   && p.getAttribute('stroke-linecap') === 'round' && /^M[\\d.]+ [\\d.]+h0$/.test(p.getAttribute('d'))).length"""
+tab.until(POINTS)  # charts are drawn a frame after the page is there
 check("the script draws a point", tab.value(POINTS) == 1, tab.value(POINTS))
 points = re.findall(r'id="[^"]*gnuplot_plot_2".*?</svg>', content("one/report.html"), re.S)
 check("gnuplot draws a point", [svg.count("<use ") for svg in points] == [1], points)

@@ -96,7 +96,6 @@ class Chooser {
                  .lag_s = decided_.lag_s};
     auto widest = prepare(recordings_, regressor_, s.signals);
     if (!widest) return tl::unexpected(widest.error());
-    s.signals.reversals = widest->reversals;
     set_cutoffs(*widest);
     s.signals.cutoff_hz = widest_hz();
     s.signals.longest_hole_s = hole_periods / widest_hz();  // the same stretches for all cut-offs
@@ -132,7 +131,7 @@ class Chooser {
       Preparation signals = out_.setting.signals;
       signals.cutoff_hz = widest.cutoff_hz, signals.narrowest_hz = cutoff;
       const auto motion = prepare(recordings_, regressor_, signals);
-      if (!motion || motion->reversals != widest.reversals || moving(*motion) < 0.5 * moving(widest)) return;
+      if (!motion || moving(*motion) < 0.5 * moving(widest)) return;
       cutoffs_.push_back(cutoff);
     }
   }
@@ -379,7 +378,7 @@ class Chooser {
     VectorXd speed(motion_.size());
     for (Index i = 0; i < motion_.size(); ++i) speed(i) = std::abs(regressor_.speed(rotor, motion_.qd.col(i)));
     const double within = share * speed.maxCoeff(), per_period = 1 / (motion_.cutoff_hz * motion_.period_s),
-                 shortest = motion_.reversals ? per_period : 1;
+                 shortest = out_.setting.signals.reversals ? per_period : 1;
     double count = 0, stay = 0;
     for (Index i = 0; i <= motion_.size(); ++i)
       if (i < motion_.size() && motion_.moving(j, i) && speed(i) < within)

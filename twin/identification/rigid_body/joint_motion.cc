@@ -2,8 +2,6 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <optional>
-#include <ranges>
 
 #include <fmt/format.h>
 
@@ -74,6 +72,7 @@ struct Sampling {
   bool regular() const { return uneven == 0; }
 };
 
+/// A hole in time that is short against the period of the cut-off is no gap: interpolation crosses it.
 Sampling sampling_of(const RobotRecording& rec, const Preparation& preparation, std::vector<std::string>& notes) {
   const auto& time = rec.time_s;
   std::vector<double> steps;
@@ -101,19 +100,17 @@ Sampling sampling_of(const RobotRecording& rec, const Preparation& preparation, 
   return s;
 }
 
-bool is_long_enough(const RobotRecording& rec, const Stretch& s, double typical_s) {
-  constexpr std::size_t least = 20;
-  const double length_s = rec.time_s[s.last] - rec.time_s[s.first];
-  return length_s >= std::max(1.0, least * typical_s) && s.last - s.first >= least;
+bool is_long_enough(const RobotRecording& rec, const Stretch& s) {
+  return rec.time_s[s.last] - rec.time_s[s.first] >= 1 && s.last - s.first >= 20;
 }
 
 /// How a stretch is filtered and decimated.
 struct Filtering {
   double period_s, rate_hz, cutoff_hz;
-  Index every;                       ///< samples per kept one
-  Index edge;                        ///< samples left out at either end, where the filter rings or a lag reaches beyond
-  Index beside_rest, longest_turn;   ///< samples
-  std::optional<Index> beside_turn;  ///< samples; none: those near reversals count
+  Index every;                      ///< samples per kept one
+  Index edge;                       ///< samples left out at either end, where the filter rings or a lag reaches beyond
+  Index beside_rest, longest_turn;  ///< samples
+  Index beside_slow;                ///< kept samples; 0: those near reversals count
 };
 
 Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, const Sampling& sampling,
@@ -127,26 +124,27 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
         Error(fmt::format("{}: is sampled at {:.4g} Hz; the cut-off must be below {:.4g} Hz, it is {:g}",
                           rec.file.string(), rate, 0.45 * rate, cutoff)));
   const double settling = preparation.narrowest_hz > 0 ? preparation.narrowest_hz : cutoff,
-               widest = preparation.widest_hz > 0 ? preparation.widest_hz : cutoff;
+               widest = preparation.widest_hz > 0 ? preparation.widest_hz : cutoff,
+               guard = SlowRows::periods * rate / settling;
   const Index every = preparation.decimation
                           ? preparation.decimation
                           : std::max<Index>(1, static_cast<Index>(std::floor(rate / (5 * widest) + 1e-6)));
   double longest_lag_s = 0;
   for (const double lag : preparation.lag_s) longest_lag_s = std::max(longest_lag_s, std::abs(lag));
-  const auto samples = [&](double periods) { return static_cast<Index>(std::ceil(periods * rate / settling)); };
-  return Filtering{.period_s = period,
-                   .rate_hz = rate,
-                   .cutoff_hz = cutoff,
-                   .every = every,
-                   .edge = static_cast<Index>(std::ceil(std::max(ringing / settling, longest_lag_s) * rate)),
-                   .beside_rest = samples(preparation.reversals ? preparation.rest_periods : SlowRows::rest_periods),
-                   .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest)),
-                   .beside_turn = preparation.reversals ? std::nullopt : std::optional(samples(SlowRows::periods))};
+  return Filtering{
+      .period_s = period,
+      .rate_hz = rate,
+      .cutoff_hz = cutoff,
+      .every = every,
+      .edge = static_cast<Index>(std::ceil(std::max(ringing / settling, longest_lag_s) * rate)),
+      .beside_rest = static_cast<Index>(std::ceil(preparation.rest_periods * rate / settling)),
+      .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest)),
+      .beside_slow = preparation.reversals ? 0 : static_cast<Index>(std::ceil(guard / static_cast<double>(every)))};
 }
 
 /// The samples of one joint in a stretch, filtered where they are noisy.
 struct JointSamples {
-  std::vector<double> q, speed, acceleration, torque, temperature;
+  std::vector<double> q, speed, torque, temperature;
   double speed_noise;  ///< standard deviation
 };
 
@@ -165,6 +163,14 @@ double noise_of(const std::vector<double>& raw, const std::vector<double>& filte
   std::vector<double> taken(raw.size());
   for (std::size_t i = 0; i < raw.size(); ++i) taken[i] = std::abs(raw[i] - filtered[i]);
   return 1.4826 * median_of(std::move(taken)) / std::sqrt(1 - passed);
+}
+
+/// The slope of q by central differences, as fast at the ends as beside them.
+std::vector<double> slope_of(const std::vector<double>& q, double rate_hz) {
+  std::vector<double> slope(q.size());
+  for (std::size_t i = 1; i + 1 < q.size(); ++i) slope[i] = (q[i + 1] - q[i - 1]) * rate_hz / 2;
+  slope.front() = slope[1], slope.back() = slope[q.size() - 2];
+  return slope;
 }
 
 /// A filtered signal that much later: cubic through four samples, constant beyond the ends.
@@ -243,7 +249,7 @@ Result<RecordedSpeeds> speeds_on_time(const RobotRecording& rec, std::size_t fil
   for (Index j = 0; j < r.joints(); ++j) {
     auto& stretches = all.emplace_back();
     for (const Stretch& s : sampling.stretches) {
-      if (!is_long_enough(rec, s, sampling.typical_s)) continue;
+      if (!is_long_enough(rec, s)) continue;
       const auto f = filtering_of(rec, s, sampling, preparation);
       if (!f) return tl::unexpected(f.error());
       const auto at = [&](const MatrixXd& values) {
@@ -257,7 +263,7 @@ Result<RecordedSpeeds> speeds_on_time(const RobotRecording& rec, std::size_t fil
                .rate_hz = f->rate_hz,
                .noise = 0,
                .edge = f->edge};
-      x.slope = first_derivative(x.q, f->rate_hz), x.noise = noise_of(raw, x.recorded, passed) * std::sqrt(passed);
+      x.slope = slope_of(x.q, f->rate_hz), x.noise = noise_of(raw, x.recorded, passed) * std::sqrt(passed);
       stretches.push_back(std::move(x));
     }
     const auto [value_s, sigma_s] = delay_of(stretches);
@@ -281,15 +287,13 @@ JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, co
                         bool thermal, const Speeds* recorded, const Preparation& preparation) {
   const auto at = [&](const MatrixXd& values) { return equidistant(rec, values, j, s, f.period_s, regular); };
   const auto filtered = [&](const std::vector<double>& raw) { return low_passed(raw, f.rate_hz, f.cutoff_hz); };
-  JointSamples out{.torque = filtered(at(rec.torque)), .speed_noise = 0};
+  JointSamples out{.q = {}, .speed = {}, .torque = filtered(at(rec.torque)), .temperature = {}, .speed_noise = 0};
   if (recorded) {
     out.q = recorded->q, out.speed = recorded->recorded, out.speed_noise = recorded->noise;
-    out.acceleration = first_derivative(out.speed, f.rate_hz);
   } else {
     const std::vector<double> raw = at(rec.position);
     const double passed = 2 * f.cutoff_hz / f.rate_hz;  // of the band
-    out.q = filtered(raw), out.speed = first_derivative(out.q, f.rate_hz);
-    out.acceleration = second_derivative(out.q, f.rate_hz);
+    out.q = filtered(raw), out.speed = slope_of(out.q, f.rate_hz);
     const double w = 2 * std::numbers::pi * f.cutoff_hz;
     out.speed_noise = noise_of(raw, out.q, passed) * w * std::sqrt(passed / 3);
   }
@@ -321,7 +325,8 @@ Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, cons
       const auto i = static_cast<std::size_t>(f.edge + k * f.every);
       part.q(j, k) = x.q[i];
       part.qd(j, k) = x.speed[i];
-      part.qdd(j, k) = x.acceleration[i];
+      part.qdd(j, k) = !recorded.empty() ? (x.speed[i + 1] - x.speed[i - 1]) * f.rate_hz / 2
+                                         : (x.q[i + 1] - 2 * x.q[i] + x.q[i - 1]) * f.rate_hz * f.rate_hz;
       part.torque(j, k) = x.torque[i];
       part.temperature(j, k) = x.temperature[i];
     }
@@ -344,7 +349,7 @@ Result<void> add_parts(const RobotRecording& rec, std::size_t file, const Regres
   }
   std::size_t used = 0;
   for (const Stretch& s : sampling.stretches) {
-    if (!is_long_enough(rec, s, sampling.typical_s)) continue;
+    if (!is_long_enough(rec, s)) continue;
     const auto filtering = filtering_of(rec, s, sampling, preparation);
     if (!filtering) return tl::unexpected(filtering.error());
     if (out.period_s == 0)
@@ -373,17 +378,6 @@ std::pair<std::vector<double>, double> speed_of(const Regressor& r, Index rotor,
   return {std::move(speed), std::sqrt(variance)};
 }
 
-/// Where a rotor is slow or turns, which may be between two kept samples; neither is assumed before the first and after
-/// the last of these.
-std::vector<bool> turns_of(const std::vector<double>& speed, const Part& p, double slowest) {
-  const auto first = static_cast<std::size_t>(p.filtering.edge);
-  const std::size_t last = first + static_cast<std::size_t>((p.q.cols() - 1) * p.filtering.every);
-  std::vector<bool> out(speed.size());
-  for (std::size_t i = first; i <= last; ++i)
-    out[i] = std::abs(speed[i]) < slowest || (i > first && speed[i] * speed[i - 1] < 0);
-  return out;
-}
-
 /// Where a rotor slides and which way, known for every sample, is filtered and decimated as torques are. Joints on
 /// which its friction acts count as moving only where it slides.
 void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest, double range, Index at,
@@ -394,15 +388,29 @@ void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest
   const Sliding sliding = sliding_of(speed, slowest, far * range * f.rate_hz, static_cast<std::size_t>(f.longest_turn));
   const std::vector<double> direction = low_passed(sliding.direction, f.rate_hz, f.cutoff_hz);
   const std::vector<bool> at_rest = widened(sliding.rest, static_cast<std::size_t>(f.beside_rest));
-  std::vector<bool> turns(speed.size());
-  if (f.beside_turn) turns = widened(turns_of(speed, p, slow * fastest), static_cast<std::size_t>(*f.beside_turn));
   for (Index k = 0; k < p.q.cols(); ++k) {
     const auto i = static_cast<std::size_t>(f.edge + k * f.every);
     out.direction(rotor, at + k) = direction[i];
-    const bool slides = std::abs(r.speed(rotor, p.qd.col(k))) >= slowest && !at_rest[i] && !turns[i];
+    const bool slides = std::abs(r.speed(rotor, p.qd.col(k))) >= slowest && !at_rest[i];
     for (Index j = 0; j < r.joints() && !slides; ++j)
       if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
   }
+}
+
+/// Rows more than `beside_slow` kept samples from slow ones count; none is assumed before the first and after the last.
+void mark_fast(const Regressor& r, Index rotor, const Part& p, double fastest, Index at, JointMotion& out) {
+  const Index count = p.q.cols(), guard = p.filtering.beside_slow;
+  std::vector<double> speed;
+  for (Index k = 0; k < count; ++k) speed.push_back(r.speed(rotor, p.qd.col(k)));
+  std::vector<bool> is_slow(speed.size());
+  for (std::size_t k = 0; k < speed.size(); ++k) {
+    is_slow[k] = std::abs(speed[k]) < slow * fastest;
+    out.direction(rotor, at + static_cast<Index>(k)) = speed[k] < 0 ? -1 : 1;
+  }
+  const std::vector<bool> left_out = widened(is_slow, static_cast<std::size_t>(guard));
+  for (Index k = 0; k < count; ++k)
+    for (Index j = 0; j < r.joints() && left_out[static_cast<std::size_t>(k)]; ++j)
+      if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
 }
 
 /// `fastest`: speed of every rotor.
@@ -431,7 +439,10 @@ void join(const Regressor& r, const std::vector<Part>& parts, const VectorXd& fa
     out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
     out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;
     for (Index rotor = 0; rotor < r.rotors(); ++rotor)
-      mark_sliding(r, rotor, p, fastest(rotor), highest(rotor) - lowest(rotor), at, out);
+      if (p.filtering.beside_slow)
+        mark_fast(r, rotor, p, fastest(rotor), at, out);
+      else
+        mark_sliding(r, rotor, p, fastest(rotor), highest(rotor) - lowest(rotor), at, out);
     at += count;
   }
 }
@@ -454,13 +465,10 @@ void leave_out_unrecorded(std::span<const RobotRecording> recordings, JointMotio
 
 }  // namespace
 
-namespace {
-
-Result<JointMotion> prepare_as_asked(std::span<const RobotRecording> recordings, const Regressor& r,
-                                     const Preparation& preparation) {
+Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
+                            const Preparation& preparation) {
   JointMotion out;
   out.lag_s = preparation.lag_s;
-  out.reversals = preparation.reversals;
   out.has_temperature =
       std::ranges::all_of(recordings, [](const RobotRecording& rec) { return rec.temperature_degC.size() > 0; });
   std::vector<Part> parts;
@@ -489,38 +497,6 @@ Result<JointMotion> prepare_as_asked(std::span<const RobotRecording> recordings,
   for (const RobotRecording& rec : recordings) carried.push_back(rec.carried);
   out.carried_torque = carried_torque(r, carried, out);
   return out;
-}
-
-}  // namespace
-
-Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
-                            const Preparation& preparation) {
-  constexpr Index least = 100;
-  constexpr double least_share = 0.05;  // of the samples in which a joint slides
-  auto out = prepare_as_asked(recordings, r, preparation);
-  if (!out || preparation.reversals) return out;
-  const auto count = [](const JointMotion& m, Index j) { return m.moving.row(j).count(); };
-  const auto enough = [&](Index j, Index all) {
-    return out->is_left_out(j) ||
-           count(*out, j) >= std::max(least, static_cast<Index>(least_share * static_cast<double>(all)));
-  };
-  const auto joints = std::views::iota(Index{0}, r.joints());
-  if (std::ranges::all_of(joints, [&](Index j) { return enough(j, out->size()); })) return out;
-  Preparation with_reversals = preparation;
-  with_reversals.reversals = true;
-  auto more = prepare_as_asked(recordings, r, with_reversals);
-  if (!more) return out;
-  const auto turns_often = [&](Index j) {
-    const Index all = count(*more, j);
-    return !enough(j, all) && all >= std::max(least, 2 * count(*out, j));
-  };
-  const auto joint = std::ranges::find_if(joints, turns_often);
-  if (joint == joints.end()) return out;
-  more->notes.push_back(fmt::format(
-      "joint {} turns so often that {} of {} samples are a period of the cut-off ({:.3g} Hz) from its reversals; those "
-      "near reversals count, too",
-      r.joint_name(*joint), count(*out, *joint), count(*more, *joint), out->cutoff_hz));
-  return more;
 }
 
 AsRecorded as_recorded(const JointMotion& motion, const MatrixXd& torque) {

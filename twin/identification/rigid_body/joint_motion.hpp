@@ -15,9 +15,9 @@
 namespace tribotwin::twin::identification {
 
 /// Rows that `prepare` leaves out by default, and that a design counts for nothing: those within so many periods of the
-/// cut-off of a time at which a rotor turns or is below this share of its largest speed, or of a rest.
+/// cut-off of a time at which a rotor is below this share of its largest speed.
 struct SlowRows {
-  static constexpr double share = 0.01, periods = 1, rest_periods = 2;
+  static constexpr double share = 0.01, periods = 2;
 };
 /// No torque is recorded later or earlier than that [s].
 inline constexpr double largest_lag_s = 0.5;
@@ -36,9 +36,9 @@ struct Preparation {
   /// Interpolation crosses holes in time up to that, which a filtered signal does not fill with anything new; longer
   /// ones part a recording into stretches [s]. 0: `hole_periods` of the cut-off.
   double longest_hole_s = 0;
-  /// Whether rows near reversals count. Else a period of the cut-off is left out before and after each, in which
-  /// friction follows it late, and two beside a rest; unless hardly any samples of a joint are that far from its
-  /// reversals.
+  /// Whether rows near reversals count, with the sign of the speed filtered as the torque. Else two periods of the
+  /// cut-off are left out before and after every time at which a joint is slow: the filter leaves 0.003 of a step
+  /// there.
   bool reversals = false;
   /// Where reversals count: periods that are left out before and after a rest, as friction at rest is not known. The
   /// filter leaves 0.04 of a step after one of them, 0.003 after two; but the rows beside rests are those of low
@@ -78,7 +78,6 @@ struct JointMotion {
   };
   std::vector<VelocityDelay> velocity_delay;
   bool has_temperature = false;
-  bool reversals = false;  ///< rows near reversals count: as asked for, or as there are hardly any others
   /// Joints whose torque counts nowhere, per joint: not recorded, or leave_out(). Their torque may be NaN, and they
   /// never count as `moving`. Empty: none.
   std::vector<bool> left_out;

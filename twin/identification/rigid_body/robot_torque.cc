@@ -25,7 +25,7 @@ std::vector<bool> near_reversals(const Regressor& regressor, const JointMotion& 
     for (Index i = first; i < last; ++i)
       for (Index r = 0; r < regressor.rotors(); ++r) {
         const double now = motion.direction(r, i), before = motion.direction(r, std::max(first, i - 1));
-        if (regressor.turns(r, joint) != 0 && (std::abs(now) < 1 - turning || now * before < 0))
+        if (regressor.turns(r, joint) != 0 && (std::abs(std::abs(now) - 1) > turning || now * before < 0))
           out[static_cast<std::size_t>(i)] = true;
       }
   return widened(out, static_cast<std::size_t>(std::ceil(periods / (motion.cutoff_hz * motion.period_s))));

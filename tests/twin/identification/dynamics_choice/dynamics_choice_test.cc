@@ -217,11 +217,10 @@ TEST(Choice, SaysInWhichBandErrorsOfALagAreCounted) {
   const DynamicsChoice choice = arm.choice(recordings);
   ASSERT_TRUE(taken(choice, "lag of torques"));
   EXPECT_EQ(choice.lag_target_hz, choice.setting.signals.cutoff_hz);
-  // What the lag gains is not what a narrower band gains: it is the same where that band is the only one, but for rows
-  // beside turns, of which the narrowest of several cut-offs leaves more out.
+  // What the lag gains is not what a narrower band gains: it is the same where that band is the only one.
   const DynamicsChoice one_band = arm.choice(recordings, {.cutoff_hz = choice.lag_target_hz});
   ASSERT_TRUE(taken(one_band, "lag of torques"));
-  EXPECT_NEAR(taken(choice, "lag of torques")->change, taken(one_band, "lag of torques")->change, 0.04);
+  EXPECT_NEAR(taken(choice, "lag of torques")->change, taken(one_band, "lag of torques")->change, 0.02);
   // Of white noise a band keeps the root of its share.
   const double noise_nm = 2 * std::sqrt(2 * choice.lag_target_hz / 125);
   EXPECT_THAT(choice.trials.back().rms,
@@ -253,8 +252,8 @@ TEST(Choice, FindsAMotorThatTurnsWithTwoJoints) {
   EXPECT_EQ(choice.setting.motors[0].joint, 1);
   EXPECT_EQ(choice.setting.motors[0].turns_with, (VectorXd{{1, 1}}));
   EXPECT_TRUE(taken(choice, "motor of elbow: shoulder + elbow"));
-  // By the motor's own direction all but the noise is explained, 0.17 Nm below 20 Hz.
-  EXPECT_LT(std::ranges::find(choice.trials, "motor of elbow: shoulder + elbow", &Trial::what)->rms.maxCoeff(), 0.2);
+  // By the motor's own direction little but the noise is left, 0.17 Nm below 20 Hz, of 3 Nm.
+  EXPECT_LT(std::ranges::find(choice.trials, "motor of elbow: shoulder + elbow", &Trial::what)->rms.maxCoeff(), 0.35);
   Decided none = quick;
   none.coupling = true;
   EXPECT_THAT(arm.choice(training, none).setting.motors, testing::IsEmpty());

@@ -137,10 +137,10 @@ TEST(Design, AMotionInWhichNothingCountsTellsNothing) {
   EXPECT_EQ(information.of(still, degC).norm(), 0);
   still.qd.setConstant(1);
   EXPECT_GT(information.of(still, degC).norm(), 0);
-  still.qd.col(5).setConstant(0.01);  // a period of 20 Hz is a state
+  still.qd.col(5).setConstant(0.01);  // two periods of 20 Hz are two states
   MotionStates beside = still;
   for (auto* m : {&beside.q, &beside.qd, &beside.qdd}) *m = m->leftCols(3).eval();
-  EXPECT_NEAR(information.of(still, degC).norm(), 7.0 / 3 * information.of(beside, degC).norm(), 1e-9);
+  EXPECT_NEAR(information.of(still, degC).norm(), 5.0 / 3 * information.of(beside, degC).norm(), 1e-9);
 }
 
 TEST(Design, WhatRoundingLeftOfAParameterIsItsSizeInNoWay) {

@@ -209,8 +209,7 @@ for name, options in {
     # The distance to the nearest possible bodies is searched for, and ends elsewhere within its tolerance.
     for result in (fit, reference):
         result.pop("distance_sigma", None)
-    # Degrees, amperes and milliseconds are multiplied: rounding of their own.
-    same(f"dynamics of {name}", reference, fit, 1e-11 if name == "foreign.csv" else 1e-12)
+    same(f"dynamics of {name}", reference, fit)
     if "position" in options or name in ("rec.npy", "rec.mat", "foreign.csv", "rec.mcap"):
         e = json.loads(run("predict", "arm.xml", "params.yaml", name, *options, "--json").stdout or "{}")
         same(f"predict of {name}", predicted, e)
