@@ -215,12 +215,14 @@ class Identification {
 
   /// Fixes what friction holds, data cannot tell and the options exclude, and takes the prior.
   void restrict() {
-    for (std::size_t r = 0; r < friction_.size(); ++r)
-      for (Index p = 0, both_ways = turns_both_ways(static_cast<Index>(r)); p < friction_[r].size(); ++p)
+    for (std::size_t r = 0; r < friction_.size(); ++r) {
+      const bool both_ways = turns_both_ways(static_cast<Index>(r));
+      for (Index p = 0; p < friction_[r].size(); ++p)
         if (const auto value = held(r, p, both_ways)) {
           problem_.fix(problem_.friction_at(static_cast<Index>(r), p));
           now_.friction[r][static_cast<std::size_t>(p)] = *value;
         }
+    }
     for (Index k = 0; k < base_.size(); ++k)
       if (excluded(k)) {
         problem_.fix(k);
@@ -665,14 +667,14 @@ class Identification {
   /// Correlations as the information has them, variances as the jackknife, which knows what data tell, and the prior.
   Uncertainty uncertainty() {
     if (options_.instruments) return of_instruments_;
-    const MatrixXd C = unit_covariance(R_);
-    const VectorXd of_prior = (C * prior_normal().topLeftCorner(C.rows(), C.rows()) * C).diagonal(),
+    const MatrixXd C = unit_covariance(R_), prior = prior_normal();
+    const VectorXd of_prior = (C * prior.topLeftCorner(C.rows(), C.rows()) * C).diagonal(),
                    of_data = (C.diagonal() - of_prior).cwiseMax(1e-12 * C.diagonal());
     std::vector<MatrixXd> blocks, files;
     const std::vector<std::size_t> file = problem_.files();
     const auto parts = static_cast<double>(file.size());
     for (std::size_t b = 0; b < file.size(); ++b) {
-      blocks.push_back(problem_.normal_matrix(pass_, b, weights_, order_) + prior_normal() / parts);
+      blocks.push_back(problem_.normal_matrix(pass_, b, weights_, order_) + prior / parts);
       if (b == 0 || file[b] != file[b - 1])
         files.push_back(blocks.back());
       else

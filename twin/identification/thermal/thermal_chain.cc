@@ -342,10 +342,6 @@ std::vector<Lacking> judged(const ThermalChainFit& fit, std::span<const JointHea
   return lacking(evidence, thermal_advice(evidence.recorded_s));
 }
 
-}  // namespace
-
-namespace {
-
 /// Noise of samples whose means were fitted to `rms_K`: with what the means took, by differences of neighbours.
 double noise_of_samples(std::span<const JointHeat> joints, double rms_K) {
   double taken = 0, count = 0;
