@@ -259,9 +259,6 @@ class Replay {
       if (o_.events.happened) o_.events.happened(time_s(), event);
     }
     return {};
-  } catch (const YAML::Exception& wrong) {
-    return tl::unexpected(
-        fmt::format("{}: has an event that is no well-formed YAML: {}", session_->file().string(), wrong.msg));
   } catch (const std::exception& wrong) {
     return tl::unexpected(
         fmt::format("{}: has an event that this scenario cannot have: {}", session_->file().string(), wrong.what()));

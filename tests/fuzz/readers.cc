@@ -55,12 +55,7 @@ void read_session(const Path& file) {
 /// An event of a session as a replay reads it.
 void read_event_text(const Path& file) {
   const std::string text = content(file);
-  YAML::Node event;
-  try {
-    event = parse_yaml(text, "an event");
-  } catch (const YAML::Exception& wrong) {
-    return check_message(wrong.msg);
-  }
+  const YAML::Node event = parse_yaml(text, "an event");
   const std::string type = Mapping("an event", "", event).text("type");
   (void)read_event(Mapping(type, "", event), *robot().model, 3600);
   ++read_whole;

@@ -262,7 +262,7 @@ lines = open("clock.log.session").readlines()
 for name, wrong, says in (
     ("a line that is none", lines[:20] + ["1000 x\n"] + lines[20:], ":21: "),
     ("an event that is none", lines[:20] + ["0 event=abc\n"] + lines[20:], "must be a mapping"),
-    ("an event that is no YAML", lines[:20] + ["0 event=[\n"] + lines[20:], "no well-formed YAML: end of sequence"),
+    ("an event that is no YAML", lines[:20] + ["0 event=[\n"] + lines[20:], "not well-formed YAML (end of sequence"),
     ("a file that is none", ["hello\n"], ":1: "),
     ("an empty file", [], "empty"),
 ):

@@ -284,12 +284,14 @@ class YamlLimits final : public YAML::EventHandler {
 
 }  // namespace
 
-YAML::Node parse_yaml(const std::string& text, const std::string& where) {
+YAML::Node parse_yaml(const std::string& text, const std::string& where) try {
   std::istringstream stream(text);
   YAML::Parser parser(stream);
   YamlLimits limits(where);
   parser.HandleNextDocument(limits);
   return YAML::Load(text);
+} catch (const YAML::Exception& e) {
+  throw InputError(fmt::format("{}:{}: not well-formed YAML ({})", where, e.mark.line + 1, e.msg));
 }
 
 YAML::Node load_yaml(const std::filesystem::path& file) {
@@ -297,14 +299,10 @@ YAML::Node load_yaml(const std::filesystem::path& file) {
   if (text.size() > limits::yaml_bytes)
     throw InputError(fmt::format("{}: has {} bytes; at most {} are read of a YAML file", file.string(), text.size(),
                                  limits::yaml_bytes));
-  try {
-    YAML::Node node = parse_yaml(text, file.string());
-    if (!node.IsMap())
-      throw InputError(fmt::format("{}: is {} but must be a mapping of keys", file.string(), kind(node)));
-    return node;
-  } catch (const YAML::Exception& e) {
-    throw InputError(fmt::format("{}:{}: not well-formed YAML ({})", file.string(), e.mark.line + 1, e.msg));
-  }
+  YAML::Node node = parse_yaml(text, file.string());
+  if (!node.IsMap())
+    throw InputError(fmt::format("{}: is {} but must be a mapping of keys", file.string(), kind(node)));
+  return node;
 }
 
 namespace {
@@ -339,11 +337,7 @@ void apply_setting(YAML::Node root, const std::string& setting, std::string_view
     node.reset(below(node, key, path.substr(0, begin ? begin - 1 : 0), setting));
     begin = dot + 1;
   }
-  try {
-    node = parse_yaml(setting.substr(equals + 1), "--set " + setting.substr(0, equals));
-  } catch (const YAML::Exception& e) {
-    throw InputError(fmt::format("--set {}: {}", setting, e.msg));
-  }
+  node = parse_yaml(setting.substr(equals + 1), "--set " + setting.substr(0, equals));
 }
 
 std::string quoted(const std::string& text) {

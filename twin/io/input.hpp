@@ -108,7 +108,7 @@ auto choice_of(Mapping& in, const std::string& key, const Table& table) {
 YAML::Node load_yaml(const std::filesystem::path& file);
 
 /// The first document of a text, within the same limits but of any kind. `where` is the file or option, for messages.
-/// Throws YAML::Exception where it is not well formed, InputError beyond a limit.
+/// Throws InputError where it is not well formed or beyond a limit.
 YAML::Node parse_yaml(const std::string& text, const std::string& where);
 
 /// Applies one `--set key=value` to the tree of a YAML file. Dotted keys descend into mappings and, by numbers, into
