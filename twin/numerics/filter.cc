@@ -33,7 +33,46 @@ Section section(double warped, double damping) {
           .a2 = (1 - 2 * damping * warped + w2) * norm};
 }
 
+/// Weights of central differences over `reach` samples on either side, exact for polynomials of degree 2 reach:
+/// of x[i + k] - x[i - k], k = 1 .. reach, in the first derivative; of x[i + k] + x[i - k] - 2 x[i], times 2 / k, in
+/// the second.
+std::vector<double> central_weights(std::size_t reach) {
+  std::vector<double> weights;
+  double binomials = -1;
+  for (std::size_t k = 1; k <= reach; ++k) {
+    binomials *= -static_cast<double>(reach - k + 1) / static_cast<double>(reach + k);
+    weights.push_back(binomials / static_cast<double>(k));
+  }
+  return weights;
+}
+
+/// `term(weight, k, ahead, behind)` of the samples k ahead and k behind, summed with the widest weights that fit.
+std::vector<double> differentiated(std::span<const double> x, const auto& term) {
+  constexpr std::size_t widest = 8;
+  assert(x.size() >= 3);
+  std::vector<std::vector<double>> weights;
+  for (std::size_t reach = 0; reach <= widest; ++reach) weights.push_back(central_weights(reach));
+  const std::size_t last = x.size() - 1;
+  std::vector<double> out(x.size());
+  for (std::size_t i = 1; i < last; ++i)
+    for (std::size_t k = 1; const double w : weights[std::min({widest, i, last - i})])
+      out[i] += term(w, static_cast<double>(k), x[i + k] - x[i], x[i - k] - x[i]), ++k;
+  out.front() = out[1], out.back() = out[last - 1];
+  return out;
+}
+
 }  // namespace
+
+std::vector<double> first_derivative(std::span<const double> signal, double sampling_hz) {
+  return differentiated(
+      signal, [=](double w, double, double ahead, double behind) { return w * sampling_hz * (ahead - behind); });
+}
+
+std::vector<double> second_derivative(std::span<const double> signal, double sampling_hz) {
+  return differentiated(signal, [=](double w, double k, double ahead, double behind) {
+    return 2 * w / k * sampling_hz * sampling_hz * (ahead + behind);
+  });
+}
 
 std::vector<double> low_passed(std::span<const double> signal, double sampling_hz, double cutoff_hz) {
   assert(cutoff_hz > 0 && cutoff_hz < sampling_hz / 2);

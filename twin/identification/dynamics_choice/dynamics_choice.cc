@@ -3,6 +3,7 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <ranges>
 #include <utility>
 
 #include <fmt/format.h>
@@ -97,19 +98,25 @@ class Chooser {
     auto widest = prepare(recordings_, regressor_, s.signals);
     if (!widest) return tl::unexpected(widest.error());
     set_cutoffs(*widest);
+    // Where a joint moves for so short that only samples near its reversals would count, it is named instead.
+    s.signals.reversals = std::ranges::all_of(std::views::iota(Index{0}, regressor_.joints()), [&](Index j) {
+      return widest->is_left_out(j) || widest->moving.row(j).any();
+    });
     s.signals.cutoff_hz = widest_hz();
     s.signals.longest_hole_s = hole_periods / widest_hz();  // the same stretches for all cut-offs
     // Samples of long recordings are thinned: a choice needs fewer than the fit.
     s.signals.widest_hz = widest_hz() * std::min(1.0, most_samples / static_cast<double>(widest->size()));
     s.signals.narrowest_hz = cutoffs_.back();
-    auto target = prepare(recordings_, regressor_, s.signals);
+    auto target = target_of(s.signals);
     if (!target) return tl::unexpected(target.error());
+    auto first_motion = prepare(recordings_, regressor_, s.signals);
+    if (!first_motion) return tl::unexpected(first_motion.error());
     out_.target_hz = widest_hz();
     target_ = {.motion = *std::move(target), .stretches = {}};
     const Index size = target_.motion.size();
     for (Index k = 0; k < std::min(stretch_count, size); ++k)
       target_.stretches.emplace_back(size * k / stretch_count, size * (k + 1) / stretch_count);
-    motion_ = target_.motion;
+    motion_ = *std::move(first_motion);
     auto first = error_of(s, motion_);
     if (!first) return tl::unexpected(first.error());
     best_ = *std::move(first);
@@ -129,7 +136,7 @@ class Chooser {
     for (const double share : narrower) {
       const double cutoff = share * widest.cutoff_hz;
       Preparation signals = out_.setting.signals;
-      signals.cutoff_hz = widest.cutoff_hz, signals.narrowest_hz = cutoff;
+      signals.cutoff_hz = cutoff, signals.widest_hz = widest.cutoff_hz;
       const auto motion = prepare(recordings_, regressor_, signals);
       if (!motion || moving(*motion) < 0.5 * moving(widest)) return;
       cutoffs_.push_back(cutoff);
@@ -184,7 +191,7 @@ class Chooser {
   /// What is impossible in a fit: friction near rest that drives the motion, by more than its sigma, or that falls with
   /// load, by more than three; else empty.
   std::string driving(const DynamicsFit& fit) const {
-    for (Index r = 0; r < regressor_.joints(); ++r) {
+    for (Index r = 0; r < regressor_.rotors(); ++r) {
       double level = 0, variance = 0;
       for (const Estimate& e : fit.friction[static_cast<std::size_t>(r)])
         if (e.name == "Fc" || e.name == "Fs")
@@ -196,13 +203,34 @@ class Chooser {
     return {};
   }
 
+  /// Errors are compared over all samples in which a joint slides, a period of the narrowest cut-off beside rests, also
+  /// where a fit leaves those near reversals out.
+  static Preparation compared_in(Preparation signals) {
+    signals.reversals = true, signals.rest_periods = signals.cutoff_hz / signals.narrowest_hz;
+    return signals;
+  }
+
+  bool have_velocity() const {
+    return std::ranges::all_of(recordings_, [](const auto& r) { return r.velocity.size() > 0; });
+  }
+
+  /// Of speeds from positions and recorded ones those whose noise hides fewer of the slow samples.
+  Result<JointMotion> target_of(const Preparation& signals) const {
+    Preparation compared = compared_in(signals);
+    auto by_position = prepare(recordings_, regressor_, compared);
+    if (!by_position || !have_velocity()) return by_position;
+    compared.recorded_velocity = true;
+    auto by_velocity = prepare(recordings_, regressor_, compared);
+    if (!by_velocity || by_velocity->moving.count() < by_position->moving.count()) return by_position;
+    return by_velocity;
+  }
+
   Result<JointMotion> motion_of(const Preparation& signals) const {
     if (signals == out_.setting.signals && motion_.direction.rows() == regressor_.rotors()) return motion_;
     auto motion = prepared(signals);
     if (!motion) return motion;
     if (motion->time_s != target_.motion.time_s)
       return tl::unexpected(Error("leaves other samples than those that errors are compared in"));
-    motion->moving = motion->moving || target_.motion.moving;  // errors are compared over the target's
     return motion;
   }
 
@@ -293,8 +321,10 @@ class Chooser {
     for (const double cutoff : cutoffs_)
       if (cutoff != now.cutoff_hz)
         add(out, fmt::format("cut-off {:.3g} Hz", cutoff), [&](Setting& s) { s.signals.cutoff_hz = cutoff; });
-    if (!now.recorded_velocity && std::ranges::all_of(recordings_, [](const auto& r) { return r.velocity.size() > 0; }))
+    if (!now.recorded_velocity && have_velocity())
       add(out, "recorded velocity", [](Setting& s) { s.signals.recorded_velocity = true; });
+    if (now.reversals)
+      add(out, "no reversals", [](Setting& s) { s.signals.reversals = false, s.signals.rest_periods = 1; });
     for (const double periods : {1.0, 0.5})
       if (!now.reversals || now.rest_periods != periods)
         add(out, fmt::format("reversals, from {:g} periods of it off rests", periods),
@@ -378,7 +408,7 @@ class Chooser {
     VectorXd speed(motion_.size());
     for (Index i = 0; i < motion_.size(); ++i) speed(i) = std::abs(regressor_.speed(rotor, motion_.qd.col(i)));
     const double within = share * speed.maxCoeff(), per_period = 1 / (motion_.cutoff_hz * motion_.period_s),
-                 shortest = out_.setting.signals.reversals ? per_period : 1;
+                 shortest = motion_.reversals ? per_period : 1;
     double count = 0, stay = 0;
     for (Index i = 0; i <= motion_.size(); ++i)
       if (i < motion_.size() && motion_.moving(j, i) && speed(i) < within)
@@ -560,12 +590,12 @@ class Chooser {
       return false;
     Candidate candidate{"lag of torques:" + text_of(found->lag), out_.setting};
     candidate.setting.signals.lag_s = found->lag_s();
-    auto motion = prepare(recordings_, regressor_, candidate.setting.signals);
+    auto motion = prepare(recordings_, regressor_, compared_in(candidate.setting.signals));
     if (!motion || motion->time_s != target_.motion.time_s) return false;
-    auto late = prepared(out_.setting.signals);
+    auto late = prepared(compared_in(out_.setting.signals));
     if (!late || late->time_s != target_.motion.time_s) return false;
     JointMotion before = std::exchange(target_.motion, *late);
-    auto in_own_band = error_of(out_.setting, *late);
+    auto in_own_band = error_of(out_.setting, motion_);
     if (!in_own_band) {
       target_.motion = std::move(before);
       return false;

@@ -114,13 +114,11 @@ class DynamicsProblem::Accumulator {
       if (weight_) add_row(i, j, residual);
     }
   }
-  /// Writes the torque of sample i at the parameters plus, to first order, `change`.
+  /// Writes the torque of sample i at the parameters plus, to first order, `change`; NaN where none was recorded.
   void predict(Index i, const Eigen::Ref<const VectorXd>& change, MatrixXd& torque) {
     const JointMotion& motion = problem_.motion_;
-    if (!motion.moving.col(i).any()) return;
-    evaluate(i);
+    evaluate(i, true);
     for (Index j = 0; j < problem_.joints(); ++j) {
-      if (!motion.moving(j, i)) continue;
       torque(j, i) = motion.torque(j, i) - residual_of(j, i) + Yb_.row(j) * change.head(problem_.base_size());
       for (const Index r : problem_.acting_[static_cast<std::size_t>(j)]) {
         const Index count = problem_.friction_[static_cast<std::size_t>(r)].size();
@@ -129,13 +127,14 @@ class DynamicsProblem::Accumulator {
       }
     }
   }
-  void evaluate(Index i) {
+  /// `resting`: also of rotors that do not count as moving.
+  void evaluate(Index i, bool resting = false) {
     const JointMotion& motion = problem_.motion_;
     find_rigid(i);
     for (Index j = 0; j < problem_.joints(); ++j) rigid_(j) = Yb_.row(j) * parameters_.base;
     if (motion.carried_torque.size() > 0) rigid_ += motion.carried_torque.col(i);
     for (Index r = 0; r < regressor_.rotors(); ++r)
-      if (acts(r, i))
+      if (resting || acts(r, i))
         value_(r) = friction_of(regressor_, problem_.friction_, parameters_, motion, r, i, rigid_, by_.col(r).data());
   }
   /// Row of a joint in the evaluated sample, [columns(j), residual].

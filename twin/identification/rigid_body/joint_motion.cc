@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <ranges>
 
 #include <fmt/format.h>
 
@@ -125,7 +126,7 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
                           rec.file.string(), rate, 0.45 * rate, cutoff)));
   const double settling = preparation.narrowest_hz > 0 ? preparation.narrowest_hz : cutoff,
                widest = preparation.widest_hz > 0 ? preparation.widest_hz : cutoff,
-               guard = SlowRows::periods * rate / settling;
+               guard = SlowRows::periods * rate / cutoff;
   const Index every = preparation.decimation
                           ? preparation.decimation
                           : std::max<Index>(1, static_cast<Index>(std::floor(rate / (5 * widest) + 1e-6)));
@@ -137,14 +138,14 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
       .cutoff_hz = cutoff,
       .every = every,
       .edge = static_cast<Index>(std::ceil(std::max(ringing / settling, longest_lag_s) * rate)),
-      .beside_rest = static_cast<Index>(std::ceil(preparation.rest_periods * rate / settling)),
+      .beside_rest = static_cast<Index>(std::ceil(preparation.rest_periods * rate / cutoff)),
       .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest)),
       .beside_slow = preparation.reversals ? 0 : static_cast<Index>(std::ceil(guard / static_cast<double>(every)))};
 }
 
 /// The samples of one joint in a stretch, filtered where they are noisy.
 struct JointSamples {
-  std::vector<double> q, speed, torque, temperature;
+  std::vector<double> q, speed, acceleration, torque, temperature;
   double speed_noise;  ///< standard deviation
 };
 
@@ -163,14 +164,6 @@ double noise_of(const std::vector<double>& raw, const std::vector<double>& filte
   std::vector<double> taken(raw.size());
   for (std::size_t i = 0; i < raw.size(); ++i) taken[i] = std::abs(raw[i] - filtered[i]);
   return 1.4826 * median_of(std::move(taken)) / std::sqrt(1 - passed);
-}
-
-/// The slope of q by central differences, as fast at the ends as beside them.
-std::vector<double> slope_of(const std::vector<double>& q, double rate_hz) {
-  std::vector<double> slope(q.size());
-  for (std::size_t i = 1; i + 1 < q.size(); ++i) slope[i] = (q[i + 1] - q[i - 1]) * rate_hz / 2;
-  slope.front() = slope[1], slope.back() = slope[q.size() - 2];
-  return slope;
 }
 
 /// A filtered signal that much later: cubic through four samples, constant beyond the ends.
@@ -263,7 +256,7 @@ Result<RecordedSpeeds> speeds_on_time(const RobotRecording& rec, std::size_t fil
                .rate_hz = f->rate_hz,
                .noise = 0,
                .edge = f->edge};
-      x.slope = slope_of(x.q, f->rate_hz), x.noise = noise_of(raw, x.recorded, passed) * std::sqrt(passed);
+      x.slope = first_derivative(x.q, f->rate_hz), x.noise = noise_of(raw, x.recorded, passed) * std::sqrt(passed);
       stretches.push_back(std::move(x));
     }
     const auto [value_s, sigma_s] = delay_of(stretches);
@@ -287,13 +280,15 @@ JointSamples samples_of(const RobotRecording& rec, Index j, const Stretch& s, co
                         bool thermal, const Speeds* recorded, const Preparation& preparation) {
   const auto at = [&](const MatrixXd& values) { return equidistant(rec, values, j, s, f.period_s, regular); };
   const auto filtered = [&](const std::vector<double>& raw) { return low_passed(raw, f.rate_hz, f.cutoff_hz); };
-  JointSamples out{.q = {}, .speed = {}, .torque = filtered(at(rec.torque)), .temperature = {}, .speed_noise = 0};
+  JointSamples out{.torque = filtered(at(rec.torque)), .speed_noise = 0};
   if (recorded) {
     out.q = recorded->q, out.speed = recorded->recorded, out.speed_noise = recorded->noise;
+    out.acceleration = first_derivative(out.speed, f.rate_hz);
   } else {
     const std::vector<double> raw = at(rec.position);
     const double passed = 2 * f.cutoff_hz / f.rate_hz;  // of the band
-    out.q = filtered(raw), out.speed = slope_of(out.q, f.rate_hz);
+    out.q = filtered(raw), out.speed = first_derivative(out.q, f.rate_hz);
+    out.acceleration = second_derivative(out.q, f.rate_hz);
     const double w = 2 * std::numbers::pi * f.cutoff_hz;
     out.speed_noise = noise_of(raw, out.q, passed) * w * std::sqrt(passed / 3);
   }
@@ -325,8 +320,7 @@ Part part_of(const RobotRecording& rec, std::size_t file, const Stretch& s, cons
       const auto i = static_cast<std::size_t>(f.edge + k * f.every);
       part.q(j, k) = x.q[i];
       part.qd(j, k) = x.speed[i];
-      part.qdd(j, k) = !recorded.empty() ? (x.speed[i + 1] - x.speed[i - 1]) * f.rate_hz / 2
-                                         : (x.q[i + 1] - 2 * x.q[i] + x.q[i - 1]) * f.rate_hz * f.rate_hz;
+      part.qdd(j, k) = x.acceleration[i];
       part.torque(j, k) = x.torque[i];
       part.temperature(j, k) = x.temperature[i];
     }
@@ -378,8 +372,19 @@ std::pair<std::vector<double>, double> speed_of(const Regressor& r, Index rotor,
   return {std::move(speed), std::sqrt(variance)};
 }
 
+/// Kept samples that are more than `beside_slow` of them from slow ones and from turns between two samples; neither is
+/// assumed before the first and after the last.
+std::vector<bool> fast(const std::vector<double>& speed, double slowest, Index beside_slow) {
+  std::vector<bool> is_slow(speed.size());
+  for (std::size_t k = 0; k < speed.size(); ++k)
+    is_slow[k] = std::abs(speed[k]) < slowest || (k > 0 && speed[k] * speed[k - 1] < 0);
+  std::vector<bool> out = widened(is_slow, static_cast<std::size_t>(beside_slow));
+  out.flip();
+  return out;
+}
+
 /// Where a rotor slides and which way, known for every sample, is filtered and decimated as torques are. Joints on
-/// which its friction acts count as moving only where it slides.
+/// which its friction acts count as moving only where it slides, or where it is fast.
 void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest, double range, Index at,
                   JointMotion& out) {
   const auto [speed, noise] = speed_of(r, rotor, p);
@@ -388,29 +393,16 @@ void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest
   const Sliding sliding = sliding_of(speed, slowest, far * range * f.rate_hz, static_cast<std::size_t>(f.longest_turn));
   const std::vector<double> direction = low_passed(sliding.direction, f.rate_hz, f.cutoff_hz);
   const std::vector<bool> at_rest = widened(sliding.rest, static_cast<std::size_t>(f.beside_rest));
+  std::vector<double> kept;
+  for (Index k = 0; k < p.q.cols(); ++k) kept.push_back(r.speed(rotor, p.qd.col(k)));
+  const std::vector<bool> is_fast = f.beside_slow ? fast(kept, slow * fastest, f.beside_slow) : std::vector<bool>();
   for (Index k = 0; k < p.q.cols(); ++k) {
-    const auto i = static_cast<std::size_t>(f.edge + k * f.every);
-    out.direction(rotor, at + k) = direction[i];
-    const bool slides = std::abs(r.speed(rotor, p.qd.col(k))) >= slowest && !at_rest[i];
+    const auto i = static_cast<std::size_t>(f.edge + k * f.every), at_k = static_cast<std::size_t>(k);
+    const bool slides = f.beside_slow ? is_fast[at_k] : std::abs(kept[at_k]) >= slowest && !at_rest[i];
+    out.direction(rotor, at + k) = f.beside_slow && slides ? std::copysign(1, kept[at_k]) : direction[i];
     for (Index j = 0; j < r.joints() && !slides; ++j)
       if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
   }
-}
-
-/// Rows more than `beside_slow` kept samples from slow ones count; none is assumed before the first and after the last.
-void mark_fast(const Regressor& r, Index rotor, const Part& p, double fastest, Index at, JointMotion& out) {
-  const Index count = p.q.cols(), guard = p.filtering.beside_slow;
-  std::vector<double> speed;
-  for (Index k = 0; k < count; ++k) speed.push_back(r.speed(rotor, p.qd.col(k)));
-  std::vector<bool> is_slow(speed.size());
-  for (std::size_t k = 0; k < speed.size(); ++k) {
-    is_slow[k] = std::abs(speed[k]) < slow * fastest;
-    out.direction(rotor, at + static_cast<Index>(k)) = speed[k] < 0 ? -1 : 1;
-  }
-  const std::vector<bool> left_out = widened(is_slow, static_cast<std::size_t>(guard));
-  for (Index k = 0; k < count; ++k)
-    for (Index j = 0; j < r.joints() && left_out[static_cast<std::size_t>(k)]; ++j)
-      if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
 }
 
 /// `fastest`: speed of every rotor.
@@ -439,10 +431,7 @@ void join(const Regressor& r, const std::vector<Part>& parts, const VectorXd& fa
     out.q.middleCols(at, count) = p.q, out.qd.middleCols(at, count) = p.qd, out.qdd.middleCols(at, count) = p.qdd;
     out.torque.middleCols(at, count) = p.torque, out.temperature_degC.middleCols(at, count) = p.temperature;
     for (Index rotor = 0; rotor < r.rotors(); ++rotor)
-      if (p.filtering.beside_slow)
-        mark_fast(r, rotor, p, fastest(rotor), at, out);
-      else
-        mark_sliding(r, rotor, p, fastest(rotor), highest(rotor) - lowest(rotor), at, out);
+      mark_sliding(r, rotor, p, fastest(rotor), highest(rotor) - lowest(rotor), at, out);
     at += count;
   }
 }
@@ -463,12 +452,11 @@ void leave_out_unrecorded(std::span<const RobotRecording> recordings, JointMotio
   }
 }
 
-}  // namespace
-
-Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
-                            const Preparation& preparation) {
+Result<JointMotion> prepare_as_asked(std::span<const RobotRecording> recordings, const Regressor& r,
+                                     const Preparation& preparation) {
   JointMotion out;
   out.lag_s = preparation.lag_s;
+  out.reversals = preparation.reversals;
   out.has_temperature =
       std::ranges::all_of(recordings, [](const RobotRecording& rec) { return rec.temperature_degC.size() > 0; });
   std::vector<Part> parts;
@@ -497,6 +485,37 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
   for (const RobotRecording& rec : recordings) carried.push_back(rec.carried);
   out.carried_torque = carried_torque(r, carried, out);
   return out;
+}
+
+}  // namespace
+
+Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& r,
+                            const Preparation& preparation) {
+  constexpr Index least = 100;
+  constexpr double least_share = 0.05;  // of all samples
+  auto out = prepare_as_asked(recordings, r, preparation);
+  if (!out || preparation.reversals) return out;
+  const auto hardly = [&](Index j) {
+    const Index enough = std::max(least, static_cast<Index>(least_share * static_cast<double>(out->size())));
+    return !out->is_left_out(j) && out->moving.row(j).count() < enough;
+  };
+  const auto joints = std::views::iota(Index{0}, r.joints());
+  if (std::ranges::none_of(joints, hardly)) return out;
+  Preparation with_reversals = preparation;
+  with_reversals.reversals = true;
+  auto more = prepare_as_asked(recordings, r, with_reversals);
+  if (!more) return out;
+  const auto turns_often = [&](Index j) {
+    const Index all = more->moving.row(j).count();
+    return hardly(j) && all >= std::max(least, 2 * out->moving.row(j).count());
+  };
+  const auto joint = std::ranges::find_if(joints, turns_often);
+  if (joint == joints.end()) return out;
+  more->notes.push_back(fmt::format(
+      "joint {} turns so often that {} of {} samples are two periods of the cut-off ({:.3g} Hz) from its reversals; "
+      "those near reversals count, too",
+      r.joint_name(*joint), out->moving.row(*joint).count(), more->moving.row(*joint).count(), out->cutoff_hz));
+  return more;
 }
 
 AsRecorded as_recorded(const JointMotion& motion, const MatrixXd& torque) {

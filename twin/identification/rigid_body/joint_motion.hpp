@@ -15,7 +15,7 @@
 namespace tribotwin::twin::identification {
 
 /// Rows that `prepare` leaves out by default, and that a design counts for nothing: those within so many periods of the
-/// cut-off of a time at which a rotor is below this share of its largest speed.
+/// cut-off of a time at which a rotor turns or is below this share of its largest speed.
 struct SlowRows {
   static constexpr double share = 0.01, periods = 2;
 };
@@ -30,15 +30,15 @@ struct Preparation {
                             ///< sampling rate
   unsigned decimation = 0;  ///< keeps every n-th sample; 0: five per period of the cut-off
   bool recorded_velocity = false;  ///< speeds from the recorded velocities, where there are, not from positions
-  /// Samples of several cut-offs at the same times: as many as the widest of them needs, without the ends and rests in
-  /// which the narrowest rings. 0: the cut-off's own.
+  /// Samples of several cut-offs at the same times: as many as the widest of them needs, without the ends in which the
+  /// narrowest rings. 0: the cut-off's own.
   double widest_hz = 0, narrowest_hz = 0;
   /// Interpolation crosses holes in time up to that, which a filtered signal does not fill with anything new; longer
   /// ones part a recording into stretches [s]. 0: `hole_periods` of the cut-off.
   double longest_hole_s = 0;
   /// Whether rows near reversals count, with the sign of the speed filtered as the torque. Else two periods of the
-  /// cut-off are left out before and after every time at which a joint is slow: the filter leaves 0.003 of a step
-  /// there.
+  /// cut-off are left out before and after every time at which a joint is slow or turns: the filter leaves 0.003 of a
+  /// step there; unless hardly any sample of a joint is that far from its reversals.
   bool reversals = false;
   /// Where reversals count: periods that are left out before and after a rest, as friction at rest is not known. The
   /// filter leaves 0.04 of a step after one of them, 0.003 after two; but the rows beside rests are those of low
@@ -78,6 +78,7 @@ struct JointMotion {
   };
   std::vector<VelocityDelay> velocity_delay;
   bool has_temperature = false;
+  bool reversals = false;  ///< rows near reversals count: as asked for, or as there are hardly any others
   /// Joints whose torque counts nowhere, per joint: not recorded, or leave_out(). Their torque may be NaN, and they
   /// never count as `moving`. Empty: none.
   std::vector<bool> left_out;
@@ -95,7 +96,7 @@ struct JointMotion {
   Eigen::Index size() const { return q.cols(); }
 };
 
-/// Filters stretches of regular sampling (filter.hpp), differentiates by central differences and decimates; jitter is
+/// Filters stretches of regular sampling, differentiates them (filter.hpp) and decimates; jitter is
 /// removed by cubic interpolation. ErrorKind::input where no stretch of a second is left or a joint rests in all
 /// recordings.
 Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Regressor& regressor,

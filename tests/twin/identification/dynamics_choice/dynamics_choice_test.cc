@@ -103,12 +103,15 @@ class Arm {
                                   {.robust = s.robust, .rotor_inertia = s.rotor_inertia, .prior = s.prior});
     if (!fit) return std::numeric_limits<double>::infinity();
     const auto test = prepare({&unseen, 1}, regressor_, s.signals);
+    Preparation also_near_reversals = s.signals;
+    also_near_reversals.reversals = true;
+    const auto counting = prepare({&unseen, 1}, regressor_, also_near_reversals)->moving;  // the same for every setting
     const MatrixXd predicted = predicted_torque(regressor_, base_, *friction, fit->parameters, *test, 2);
     double sum = 0;
     for (Index j = 0; j < 2; ++j) {
       double squares = 0, count = 0;
       for (Index i = 0; i < test->size(); ++i)
-        if (test->moving(j, i)) squares += std::pow(predicted(j, i) - test->torque(j, i), 2), ++count;
+        if (counting(j, i)) squares += std::pow(predicted(j, i) - test->torque(j, i), 2), ++count;
       sum += 0.5 * std::log(squares / count) / 2;
     }
     return std::exp(sum);
@@ -210,7 +213,8 @@ TEST(Choice, TakesWhatTheRecordingsHave) {
 
 TEST(Choice, SaysInWhichBandErrorsOfALagAreCounted) {
   Arm arm;
-  auto recordings = arm.recordings({.noise_nm = 2, .position_step_rad = 3e-3}, 40);
+  constexpr double recorded_noise_nm = 1;
+  auto recordings = arm.recordings({.noise_nm = recorded_noise_nm, .position_step_rad = 3e-3}, 40);
   EXPECT_EQ(arm.choice(recordings).lag_target_hz, 0);
   for (auto& r : recordings)
     for (Index i = r.torque.cols() - 1; i >= 3; --i) r.torque.col(i) = r.torque.col(i - 3);
@@ -222,7 +226,7 @@ TEST(Choice, SaysInWhichBandErrorsOfALagAreCounted) {
   ASSERT_TRUE(taken(one_band, "lag of torques"));
   EXPECT_NEAR(taken(choice, "lag of torques")->change, taken(one_band, "lag of torques")->change, 0.02);
   // Of white noise a band keeps the root of its share.
-  const double noise_nm = 2 * std::sqrt(2 * choice.lag_target_hz / 125);
+  const double noise_nm = recorded_noise_nm * std::sqrt(2 * choice.lag_target_hz / 125);
   EXPECT_THAT(choice.trials.back().rms,
               testing::Each(testing::AllOf(testing::Gt(0.8 * noise_nm), testing::Lt(1.5 * noise_nm))));
 }
@@ -296,7 +300,6 @@ TEST(HeldOut, IsPredictedByTheOtherFilesAlone) {
   EXPECT_LT(std::sqrt(squares / count), 0.03);  // Nm: steps end at a tenth of a sigma; of weights by all files 0.35
 }
 
-// A joint that moves for less than the filter takes beside rests: there is nothing to choose by, and that is said.
 // Lower cut-offs bridge longer holes; but errors are compared over the same samples.
 TEST(Choice, ComparesTheSameSamplesWhereTimeHasHoles) {
   Arm arm;
@@ -318,6 +321,7 @@ TEST(Choice, ComparesTheSameSamplesWhereTimeHasHoles) {
   }
 }
 
+// A joint that moves for less than the filter takes beside rests: there is nothing to choose by, and that is said.
 TEST(Choice, NamesAJointThatMovesTooShortly) {
   Arm arm;
   auto training = arm.recordings({}, 30);

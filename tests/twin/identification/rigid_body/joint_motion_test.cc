@@ -12,6 +12,7 @@
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
+#include <tribotwin/twin/numerics/filter.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -124,6 +125,72 @@ TEST(JointMotion, TurnsBiasNothingAndAreKept) {
     EXPECT_GT(motion->moving.cast<double>().mean(), 0.9) << where;
     expect_truth(axis.fit(*motion), where.c_str());
   }
+}
+
+// Rows that are kept may be far apart: a turn between two of them is as near as one in them.
+TEST(JointMotion, TurnsBetweenKeptSamplesAreLeftOut) {
+  const Axis axis;
+  const Sines motion(1, 5);
+  const auto r = axis.recording(motion, {}, 7, 60);
+  for (const unsigned decimation : {0u, 37u}) {
+    const auto prepared = prepare({&r, 1}, axis.regressor(), {.decimation = decimation});
+    ASSERT_TRUE(prepared) << prepared.error().message;
+    for (Index i = 0; i < prepared->size(); ++i) {
+      constexpr double beside_s = 0.095;  // two periods of 20 Hz
+      const double t = prepared->time_s[static_cast<std::size_t>(i)];
+      if (motion(t - beside_s).v * motion(t + beside_s).v < 0) EXPECT_FALSE(prepared->moving(0, i)) << t;
+    }
+    EXPECT_GT(prepared->moving.count(), prepared->size() / 3) << decimation;
+    EXPECT_FALSE(prepared->reversals);
+    expect_truth(axis.fit(*prepared), "turns ");
+  }
+}
+
+// Where hardly a sample is far from turns, those near them count, and it is said.
+TEST(JointMotion, QuickTurnsCount) {
+  const Axis axis;
+  const auto r = axis.recording(Sines(15, 5), {}, 7, 30);
+  const auto prepared = prepare({&r, 1}, axis.regressor());
+  ASSERT_TRUE(prepared) << prepared.error().message;
+  EXPECT_TRUE(prepared->reversals);
+  EXPECT_THAT(prepared->notes, testing::Contains(testing::HasSubstr("joint axis turns so often that ")));
+  expect_truth(axis.fit(*prepared), "quick turns ");
+}
+
+// Torques are filtered, speeds and accelerations filtered and differentiated: by what is as large as what was filtered.
+TEST(JointMotion, SlowSamplingBiasesNothing) {
+  const Axis axis;
+  const Sines motion(4, 6);
+  for (const bool recorded : {false, true}) {
+    auto r = axis.recording(motion, {.force_n = 0.1}, 3, 60, 50);
+    if (recorded) {
+      r.velocity.resize(1, r.position.cols());
+      for (Index i = 0; i < r.position.cols(); ++i) r.velocity(0, i) = motion(r.time_s[static_cast<std::size_t>(i)]).v;
+    }
+    const auto prepared = prepare({&r, 1}, axis.regressor(), {.recorded_velocity = recorded, .reversals = true});
+    ASSERT_TRUE(prepared) << prepared.error().message;
+    const auto fit = axis.fit(*prepared);
+    EXPECT_NEAR(fit.base[0].value, mass_kg, 0.001 * mass_kg) << recorded;
+    expect_truth(fit, "slow sampling ");
+  }
+}
+
+TEST(Derivatives, AreThoseOfASineUpToAFifthOfItsSampling) {
+  constexpr double rate_hz = 200;
+  for (const double hz : {1.0, 10.0, 40.0}) {
+    const double w = 2 * M_PI * hz;
+    std::vector<double> sine;
+    for (int i = 0; i < 400; ++i) sine.push_back(std::sin(w * i / rate_hz + 0.3));
+    const auto first = first_derivative(sine, rate_hz), second = second_derivative(sine, rate_hz);
+    for (int i = 8; i < 392; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      EXPECT_NEAR(first[at] / w, std::cos(w * i / rate_hz + 0.3), 1e-4);
+      EXPECT_NEAR(second[at] / (w * w), -sine[at], 1e-4);
+    }
+  }
+  const std::vector<double> parabola{0, 1, 4, 9, 16};
+  EXPECT_THAT(first_derivative(parabola, 1), testing::ElementsAre(2, 2, 4, 6, 6));
+  EXPECT_THAT(second_derivative(parabola, 1), testing::Each(testing::DoubleNear(2, 1e-12)));
 }
 
 struct Table {
