@@ -1,0 +1,60 @@
+"""tribotwin-report sweep on a folder that somebody else has edited: a page, or one message with the file. Arguments:
+tribotwin, tribotwin-report."""
+import re, shutil, sys
+
+import harness
+from harness import check, content, finish, path
+from pendulum import PENDULUM
+
+twin, report = sys.argv[1:3]
+
+
+def write(name, text):
+    with open(path(name), "w") as f:
+        f.write(text)
+
+
+write("pendulum.xml", PENDULUM)
+write(
+    "scenario.yaml",
+    "model: pendulum.xml\nduration_s: 0.5\n"
+    "motion: {type: cycle, waypoints: [{position_rad: -0.5}, {position_rad: 0.6}], speed_rad_s: 2}\n",
+)
+write(
+    "plan.yaml",
+    "scenario: scenario.yaml\nfactors:\n  temperature_degC: {uniform: [20, 40]}\n"
+    "  drives.hinge.Fc0: {normal: [0.03, 0.002]}\n"
+    "design: {type: sobol, runs: 32, seed: 3, indices: true}\noutputs: [heat_J, max_abs(hinge.friction_nm)]\n"
+    "bands: {telemetry: [hinge.friction_nm, hinge.velocity_rad_s], times: 5}\n",
+)
+r = harness.run(twin, "sweep", "plan.yaml", "-o", "good", "--quiet")
+check("the sweep is made", r.returncode == 0, r)
+
+
+def edited(change):
+    """What the report says of a copy that was changed."""
+    shutil.rmtree(path("sweep"), ignore_errors=True)
+    shutil.copytree(path("good"), path("sweep"))
+    change()
+    return harness.run(report, "sweep", "sweep", timeout=60)
+
+
+def replaced(file, old, new):
+    text, count = re.subn(old, lambda _: new, content(f"sweep/{file}"), count=1)
+    check(f"{file} has {old!r}", count == 1)
+    write(f"sweep/{file}", text)
+
+
+# ---- Texts of any length: patterns of pages take no stack for each character.
+digits, letters = "1" * 300_000, "a" * 300_000
+for name, file, old, new in (
+    ("a power of many digits", "origin.yaml", r"(?s).*", f"plan: p\ndescription: 'a {digits}e-05 b'\n"),
+    ("a name of many digits", "campaign.yaml", r"\[heat_J", f"[{digits}"),
+    ("a long value of the summary", "campaign.yaml", r"\[heat_J", f"[joints.{letters}.temperature_degC.end"),
+    ("a long value of the record", "campaign.yaml", r"\[heat_J", f"[max({letters}.friction_nm)"),
+):
+    r = edited(lambda: replaced(file, old, new))
+    check(f"{name}: the page is written", r.returncode == 0 and r.stdout == "sweep/report.html\n", r.returncode)
+
+
+finish()
