@@ -1,9 +1,9 @@
 """tribotwin-report sweep on a folder that somebody else has edited: a page, or one message with the file. Arguments:
 tribotwin, tribotwin-report."""
-import re, shutil, sys
+import json, re, shutil, sys
 
 import harness
-from harness import check, content, finish, path
+from harness import check, check_refused, content, finish, path
 from pendulum import PENDULUM
 
 twin, report = sys.argv[1:3]
@@ -45,6 +45,15 @@ def replaced(file, old, new):
     write(f"sweep/{file}", text)
 
 
+def statistics(change):
+    def act():
+        all = json.loads(content("sweep/statistics.json"))
+        change(all["outputs"])
+        write("sweep/statistics.json", json.dumps(all))
+
+    return act
+
+
 # ---- Texts of any length: patterns of pages take no stack for each character.
 digits, letters = "1" * 300_000, "a" * 300_000
 for name, file, old, new in (
@@ -57,4 +66,34 @@ for name, file, old, new in (
     check(f"{name}: the page is written", r.returncode == 0 and r.stdout == "sweep/report.html\n", r.returncode)
 
 
+# ---- statistics.json
+def no_mean(outputs):
+    del outputs["heat_J"]["mean"]
+    outputs["heat_J"]["sobol_indices"] = {"temperature_degC": {}, "drives.hinge.Fc0": 5}
+
+
+for name, change, says in (
+    ("indices of an output without a mean", no_mean, "heat_J: sobol_indices: drives.hinge.Fc0: has no 'first'"),
+    (
+        "an output without quantiles",
+        lambda outputs: outputs["max_abs(hinge.friction_nm)"].update(quantiles=[]),
+        "max_abs(hinge.friction_nm): quantiles: must have the probabilities of the other outputs",
+    ),
+):
+    r = edited(statistics(change))
+    check_refused(name, r, ["sweep/statistics.json: outputs: ", says, "--force"], 2, lines=None)
+
+
+# ---- bands.csv
+def cut_bands(columns):
+    lines = content("sweep/bands.csv").splitlines()
+    write("sweep/bands.csv", "".join(",".join(line.split(",")[:columns]) + "\n" for line in lines))
+
+
+other = "the quantiles of hinge.velocity_rad_s are not those of the first signal"
+check_refused("a signal without quantiles", edited(lambda: cut_bands(8)), ["sweep/bands.csv:1: ", other], 2, lines=None)
+r = edited(lambda: replaced("bands.csv", r"rad_s\.q0\.5", "rad_s.q0.6"))
+check_refused("a signal of other quantiles", r, ["sweep/bands.csv:1: ", other], 2, lines=None)
+r = edited(lambda: replaced("bands.csv", r"friction_nm\.q0\.5", "friction_nm.qmany"))
+check_refused("a quantile that is no number", r, ["sweep/bands.csv:1: ", "hinge.friction_nm"], 2, lines=None)
 finish()
