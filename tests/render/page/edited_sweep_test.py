@@ -1,6 +1,6 @@
 """tribotwin-report sweep on a folder that somebody else has edited: a page, or one message with the file. Arguments:
 tribotwin, tribotwin-report."""
-import json, re, shutil, sys
+import json, os, re, shutil, sys, time
 
 import harness
 from harness import check, check_refused, content, finish, path
@@ -96,4 +96,15 @@ r = edited(lambda: replaced("bands.csv", r"rad_s\.q0\.5", "rad_s.q0.6"))
 check_refused("a signal of other quantiles", r, ["sweep/bands.csv:1: ", other], 2, lines=None)
 r = edited(lambda: replaced("bands.csv", r"friction_nm\.q0\.5", "friction_nm.qmany"))
 check_refused("a quantile that is no number", r, ["sweep/bands.csv:1: ", "hinge.friction_nm"], 2, lines=None)
+
+# ---- Runs that a campaign.yaml asks for and nobody has made: time is that of those that are there.
+for name, change in (
+    ("a finished sweep", lambda: None),
+    ("an unfinished sweep", lambda: os.remove(path("sweep/statistics.json"))),
+):
+    began = time.monotonic()
+    r = edited(lambda: (replaced("campaign.yaml", r"\nruns: 32", "\nruns: 10000000"), change()))
+    took = time.monotonic() - began
+    check(f"{name} of 10^7 runs is answered at once", took < 20, took)
+    check(f"{name} of 10^7 runs: a page or a message", r.returncode in (0, 2), r)
 finish()
