@@ -376,8 +376,8 @@ std::string without_folders(const std::string& text) {
   std::string out;
   for (std::size_t at = 0; at < text.size();) {
     const bool begins = text[at] == '/' && (at == 0 || ends.find(text[at - 1]) != ends.npos);
-    const std::size_t end = std::min(text.find_first_of(ends, at), text.size());
-    if (!begins || end - at == 1) {  // a sign of division is no path
+    const std::size_t end = begins ? std::min(text.find_first_of(ends, at), text.size()) : at;
+    if (end < at + 2) {  // a sign of division is no path
       out += text[at++];
       continue;
     }
