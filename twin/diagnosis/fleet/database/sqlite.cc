@@ -17,14 +17,14 @@ namespace {
 
 constexpr int application = 0x54424654;  ///< "TBFT" in the file's header
 
-/// "FILE: why": with the system's reason where there is one, as for other files.
+/// "FILE: why": with the system's reason where there is one, as for other files. SQLite quotes the file's schema.
 std::string why(sqlite3* db) {
   const int system = sqlite3_system_errno(db), code = sqlite3_errcode(db) & 0xff;
   const std::string name = std::filesystem::path(sqlite3_db_filename(db, "main")).filename().string();
   if (code == SQLITE_FULL || ((code == SQLITE_IOERR || code == SQLITE_CANTOPEN) && system != 0))
     return fmt::format("{} or its journal {}-journal: {}", name, name,
                        std::strerror(code == SQLITE_FULL ? ENOSPC : system));
-  return fmt::format("{}: {}", name, sqlite3_errmsg(db));
+  return fmt::format("{}: {}", name, without_controls(sqlite3_errmsg(db)));
 }
 
 /// Whether the name or its permissions are wrong, and not the machine.
