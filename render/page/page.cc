@@ -267,9 +267,10 @@ void prefix_ids(pugi::xml_node node, const std::string& prefix) {
 constexpr std::size_t columns_of_a_phone = 2, columns_of_a_tablet = 4;
 constexpr std::size_t longest_head = 20;  ///< in one piece
 
-/// Numbers as programs write them, "8.4e-05", with a typeset power; part of a name they stay.
+/// Numbers as programs write them, "8.4e-05", with a typeset power; part of a name they stay. A pattern repeats at most
+/// 40 times, here and below: std::regex takes stack for each, and digits may be as many as somebody's file has.
 std::string with_typeset_powers(const std::string& text) {
-  static const std::regex number(R"((^|[^\w.])(\d[\d.]*)e([-+]\d\d\d?)(?=$|[ ,;)…\n]|\. |\.$))");
+  static const std::regex number(R"((^|[^\w.])(\d[\d.]{0,40})e([-+]\d\d\d?)(?=$|[ ,;)…\n]|\. |\.$))");
   std::string out;
   auto rest = text.begin();
   for (std::sregex_iterator found(text.begin(), text.end(), number), end; found != end; ++found) {
@@ -329,7 +330,7 @@ bool says_nothing(std::string_view cell) { return cell.empty() || cell == "–" 
 
 /// "-0.3", "+13.6 %", "± 4.4 %", "> 99 %", "less than 0.1 %"; "1/K" and "6620-104417" are none.
 bool numeric(std::string_view cell) {
-  static const std::regex number(R"((± ?|[<>] ?|less than )?[-+]?\d[\d.]*(?![-/\d.])|\d{4}-\d\d-\d\d)");
+  static const std::regex number(R"((± ?|[<>] ?|less than )?[-+]?\d[\d.]{0,40}(?![-/\d.])|\d{4}-\d\d-\d\d)");
   return std::regex_search(cell.begin(), cell.end(), number, std::regex_constants::match_continuous);
 }
 
@@ -375,8 +376,8 @@ std::string without_folders(const std::string& text) {
   std::string out;
   for (std::size_t at = 0; at < text.size();) {
     const bool begins = text[at] == '/' && (at == 0 || ends.find(text[at - 1]) != ends.npos);
-    const std::size_t end = std::min(text.find_first_of(ends, at), text.size());
-    if (!begins || end - at == 1) {  // a sign of division is no path
+    const std::size_t end = begins ? std::min(text.find_first_of(ends, at), text.size()) : at;
+    if (end < at + 2) {  // a sign of division is no path
       out += text[at++];
       continue;
     }

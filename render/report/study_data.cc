@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 
 #include <fmt/format.h>
 
@@ -17,10 +18,12 @@ using nlohmann::json;
 using twin::InputError, twin::JsonInput, twin::or_wrong_input;
 using namespace twin::diagnosis;
 
+constexpr double most_curves = 1e9;
+
 void read(StudyObservation& o, const JsonInput& in, const StudyJoint& joint) {
   const double curve = in["curve"].number();
-  const auto found =
-      std::ranges::find_if(joint.curves, [&](const auto& one) { return static_cast<double>(one.first) == curve; });
+  const bool counts = curve >= 1 && curve <= most_curves && curve == std::floor(curve);
+  const auto found = counts ? joint.curves.find(static_cast<std::size_t>(curve)) : joint.curves.end();
   if (found == joint.curves.end()) in["curve"].fail(fmt::format("{}/curves.csv has no curve {}", joint.name, curve));
   o.curve = found->first;
   o.temperature_degC = in["temperature_degC"].number();
@@ -71,7 +74,7 @@ std::map<std::size_t, StudyCurve> curves_of(const fs::path& file) {
   if (!table.has("series")) throw InputError(fmt::format("{}: has no column 'series'", file.string()));
   std::map<std::size_t, StudyCurve> curves;
   for (std::size_t i = 0; i < table.rows.size(); ++i) {
-    if (!(numbers[i] >= 1 && numbers[i] <= 1e9))
+    if (!(numbers[i] >= 1 && numbers[i] <= most_curves))
       throw InputError(fmt::format("{}curve: is {} but curves are counted from 1", table.where(i), numbers[i]));
     StudyCurve& curve = curves[static_cast<std::size_t>(numbers[i])];
     curve.series = table.rows[i][static_cast<std::size_t>(series)];

@@ -7,6 +7,8 @@
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/tests/fuzz/reader.hpp>
+#include <tribotwin/twin/io/file.hpp>
+#include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/tables/column_map.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/telemetry/column_reader.hpp>
@@ -28,6 +30,16 @@ void read_table(const Path& file) {
     end(table->texts(column, 0, std::min(table->rows(), ColumnReader::rows_at_once)));
 }
 
+/// As `recover` reads the record of a killed run.
+void read_killed(const Path& file) {
+  const TemporaryFolder run("tribotwin-fuzz-run");
+  or_fail(write_unforced(run.path() / "telemetry.h5", or_fail(read_bytes(file))));
+  if (const auto recovered = recover(run.path()); !recovered) return end(recovered);
+  const auto record = read_telemetry(run.path() / "telemetry.h5");
+  require(record.has_value(), "what recover has written cannot be read");
+  ++read_whole;
+}
+
 const std::array all{
     Reader{"columns", ".yaml", [](const Path& f) { end(read_column_map(f)); }},
     Reader{"npy", ".npy", [](const Path& f) { end(read_numbers(f, wanted)); }},
@@ -36,6 +48,7 @@ const std::array all{
     Reader{"mcap", ".mcap", [](const Path& f) { end(read_numbers(f, wanted, {.joint = "joint1"})); }},
     Reader{"table", ".h5", read_table},
     Reader{"telemetry", ".h5", [](const Path& f) { end(read_telemetry(f)); }},
+    Reader{"killed", ".h5", read_killed},
     Reader{"mjcf", ".xml", [](const Path& f) { end(mujoco::load_file(f)); }},
 };
 

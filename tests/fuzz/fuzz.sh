@@ -18,10 +18,10 @@ while getopts s:t:b:c: option; do
 done
 shift $((OPTIND - 1))
 declare -A program_of
-for program in "$build"/tests/fuzz_{formats,readers}; do
+for program in "$build"/tests/fuzz_{formats,readers,pages}; do
   [ ! -x "$program" ] || for reader in $("$program"); do program_of[$reader]=$program; done
 done
-for name in fuzz_{sdo,sdo_block,lss,mirror,profile_position,log_line}; do
+for name in fuzz_{sdo,sdo_block,frames,lss,mirror,profile_position,log_line}; do
   [ ! -x "$build/tests/$name" ] || program_of[$name]=$build/tests/$name
 done
 [ ${#program_of[@]} -gt 0 ] || { echo "$build: cmake --preset fuzz && cmake --build --preset fuzz" >&2; exit 2; }
@@ -33,6 +33,7 @@ seeds_of() {
     scenario | plan | campaign | days | study) echo "$root/twin/scenarios" ;;
     mjcf) echo "$root/mjcf" ;;
     urdf) echo "$root/tests/twin/gears" ;;
+    killed) echo "$root/tests/fuzz/corpus/telemetry" ;;
     friction) echo "$root/tests/fuzz/corpus/dynamics" ;;
     *) echo "$root/tests/fuzz/corpus/$1" ;;
   esac

@@ -1,22 +1,32 @@
 // Readers of scenarios, parameters, recordings and of the bus, for harness.cc.
 #include <array>
+#include <cstdint>
+#include <filesystem>
+#include <limits>
 #include <string>
+
+#include <fmt/format.h>
 
 #include <tribotwin/hil/can/socketcand_protocol.hpp>
 #include <tribotwin/hil/can/words.hpp>
 #include <tribotwin/hil/canopen/setup/eds_reader.hpp>
+#include <tribotwin/hil/canopen/setup/store_file.hpp>
 #include <tribotwin/hil/faults/faults.hpp>
 #include <tribotwin/hil/session/session_file.hpp>
 #include <tribotwin/hil/shadow/dbc_file.hpp>
 #include <tribotwin/tests/fuzz/reader.hpp>
 #include <tribotwin/twin/commands/calibrate/campaign.hpp>
+#include <tribotwin/twin/commands/calibrate/results.hpp>
 #include <tribotwin/twin/commands/robot.hpp>
 #include <tribotwin/twin/diagnosis/fleet/model_text.hpp>
+#include <tribotwin/twin/diagnosis/fleet/reader.hpp>
+#include <tribotwin/twin/diagnosis/fleet/store.hpp>
 #include <tribotwin/twin/diagnosis/healthy_file.hpp>
 #include <tribotwin/twin/diagnosis/observation.hpp>
 #include <tribotwin/twin/experiments/fault_study/study.hpp>
 #include <tribotwin/twin/experiments/friction/campaign.hpp>
 #include <tribotwin/twin/experiments/sweep/plan.hpp>
+#include <tribotwin/twin/experiments/sweep/results.hpp>
 #include <tribotwin/twin/experiments/working_days/campaign.hpp>
 #include <tribotwin/twin/gears/foreign_model.hpp>
 #include <tribotwin/twin/identification/dynamic_friction/parameters.hpp>
@@ -26,7 +36,9 @@
 #include <tribotwin/twin/identification/thermal/thermal_chain_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_file.hpp>
 #include <tribotwin/twin/identification/thermal/thermal_recording.hpp>
+#include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/file.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/robot/recording.hpp>
 #include <tribotwin/twin/simulation/event.hpp>
 #include <tribotwin/twin/simulation/scenario.hpp>
@@ -70,6 +82,50 @@ void read_socketcand(const Path& file) {
   ++(sent || received ? read_whole : refused);
 }
 
+/// With the checksum that it should have: random bytes have none.
+void read_store(const Path& file) {
+  const std::string text = content(file), body = text.substr(0, text.rfind("checksum = "));
+  end(hil::StoreFile::parse(fmt::format("{}checksum = {:08X}\n", body, crc32(body)), file));
+}
+
+/// All that a fleet's commands read of its store.
+void read_fleet_store(const Path& file) {
+  constexpr std::int64_t ever = std::numeric_limits<std::int64_t>::max();
+  (void)content(file);
+  diagnosis::fleet::Store store(file.string());
+  for (const auto& joint : store.joints())
+    for (const bool learned : {false, true}) (void)store.rows(joint.id, learned, -ever, ever);
+  for (const auto& model : store.model_texts()) (void)diagnosis::fleet::from_text(model, store.name());
+  (void)store.newest(), (void)store.checks(), (void)store.files(-ever, ever), (void)store.notes(-ever, ever);
+  ++read_whole;
+}
+
+void read_fleet_data(const Path& file) {
+  const auto curves = diagnosis::fleet::open_curves(file, {});
+  if (!curves) return end(curves);
+  diagnosis::fleet::LevelCurve curve;
+  Result<bool> more = true;
+  while (more && *more) more = (*curves)->next(curve);
+  end(more);
+}
+
+/// As if it were of this FIT: the part that says so is long, and differs from folder to folder.
+void read_calibrated(const Path& file) {
+  static const program::CalibrationCampaign campaign = [&] {
+    const Path fit = file.parent_path() / "fit.yaml";
+    std::filesystem::copy_file(Path(TRIBOTWIN_SOURCE_DIR) / "tests/fuzz/corpus/fit/xl330_fit.yaml", fit,
+                               std::filesystem::copy_options::overwrite_existing);
+    return program::read_calibration(fit, {}, {});
+  }();
+  nlohmann::json json = parse_json(content(file));
+  if (json.is_object()) json.erase("crc32"), json["fit"] = campaign.resolved;
+  or_fail(write_unforced(file, json.is_discarded() ? "" : dump_json(json)));
+  (void)program::read_fits(campaign, file);
+  ++read_whole;
+}
+
+void read_run_of_sweep(const Path& file) { ++(sweep::from_line(0, content(file)) ? read_whole : refused); }
+
 const std::array all{
     Reader{"scenario", ".yaml", [](const Path& f) { end(load_scenario(f)); }},
     Reader{"plan", ".yaml", [](const Path& f) { end(sweep::load_plan(f)); }},
@@ -97,6 +153,11 @@ const std::array all{
     Reader{"session", ".session", read_session},
     Reader{"event", ".yaml", read_event_text},
     Reader{"model", ".json", [](const Path& f) { diagnosis::fleet::from_text(content(f), f.string()), ++read_whole; }},
+    Reader{"store", ".store", read_store},
+    Reader{"fleet_store", ".db", read_fleet_store},
+    Reader{"fleet_data", ".csv", read_fleet_data},
+    Reader{"calibration", ".json", read_calibrated},
+    Reader{"sweep_run", ".json", read_run_of_sweep},
     Reader{"socketcand", ".txt", read_socketcand},
 };
 

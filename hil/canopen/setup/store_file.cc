@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <set>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -86,6 +88,7 @@ class Parser {
       return problem("expected '[drive N]' with a serial number, not '{}'", shown(line));
     if (drives_.contains(serial)) return problem("drive {} is here twice", serial);
     drive_ = &drives_[serial];
+    seen_.clear();
     return {};
   }
   Result<void> take_number(std::string_view value) {
@@ -108,8 +111,7 @@ class Parser {
         return problem("bytes are two hexadecimal digits each with a blank between them, not '{}'", shown(bytes));
       value.bytes.push_back(byte);
     }
-    if (std::ranges::any_of(drive_->values,
-                            [&](const auto& v) { return v.index == value.index && v.sub == value.sub; }))
+    if (!seen_.emplace(value.index, value.sub).second)
       return problem("{} is here twice", object_name(value.index, value.sub));
     drive_->values.push_back(std::move(value));
     return {};
@@ -121,6 +123,7 @@ class Parser {
   int line_ = 0;
   Drives drives_;
   KeptParameters* drive_ = nullptr;
+  std::set<std::pair<std::uint16_t, std::uint8_t>> seen_;  // objects of this drive
 };
 
 std::string text_of(const Drives& drives) {

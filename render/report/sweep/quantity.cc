@@ -14,6 +14,7 @@
 namespace tribotwin::render {
 namespace {
 
+constexpr std::size_t longest_expression = 1000;  ///< put in words: std::regex takes stack for each character
 constexpr double no_number = std::numeric_limits<double>::quiet_NaN();
 
 /// Endings of names, longer ones first.
@@ -78,6 +79,7 @@ std::string figure_in_words(const std::string& name) {
 
 std::string in_words(const std::string& expression) {
   if (auto whole = quantity_in_words(expression); !whole.empty()) return whole;
+  if (expression.size() > longest_expression) return expression;
   static const std::regex of_summary(R"(joints\.([^.]+)\.(\w+)(?:\.(start|end|max|rms))?)"),
       of_record(R"((max|min|max_abs|mean|rms|time_above|time_below)\(([^.]+)\.(\w+)(?:, *([^)]+))?\))");
   std::smatch part;

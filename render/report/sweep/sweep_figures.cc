@@ -96,7 +96,7 @@ std::optional<Drawing> grid_map(const SweepView& view, std::size_t output, std::
            .y = view.axis_of_key(other),
            .colour = colour_axis(view.quantities[output], all)};
   const double span = *f.colour->to - *f.colour->from;
-  map.decimals = std::clamp(2 - static_cast<int>(std::floor(std::log10(span))), 0, 6);
+  map.decimals = static_cast<int>(std::clamp(2 - std::floor(std::log10(span)), 0.0, 6.0));
   f.heat_map = std::move(map);
   std::string caption = most > 1 ? fmt::format("Each cell: the mean over the other factors, of up to {} runs.", most)
                                  : "Each cell is one run.";

@@ -310,6 +310,25 @@ TEST_F(StoreInFile, SaysWhatIsWrong) {
   }
 }
 
+// As above, of a file that may have 4 million values: they are compared with few others each.
+TEST_F(StoreInFile, IsReadInProportionToItsLength) {
+  const auto seconds = [](int values) {
+    std::string text = "tribotwin-hil store 1\n[drive 3]\n";
+    for (int k = 0; k < values; ++k) text += fmt::format("{:04X}h:{:02X} = 64 00\n", 0x2000 + k / 256, k % 256);
+    text = whole(text);
+    double best = 1e9;
+    for (int round = 0; round < 3; ++round) {
+      const double begin_s = processor_s();
+      const auto store = StoreFile::parse(text, "store");
+      best = std::min(best, processor_s() - begin_s);
+      EXPECT_TRUE(store && store->of(3).values.size() == static_cast<std::size_t>(values));
+    }
+    return best;
+  };
+  const double few = seconds(2'000), many = seconds(128'000);
+  EXPECT_LT(many / few, 512) << few << " s and " << many << " s";
+}
+
 TEST_F(StoreInFile, EveryDamageIsNoticed) {
   const std::string good = whole("tribotwin-hil store 1\n[drive 3]\nnumber = 34\n1017h:00 = 64 00\n2180h:00 = 01 02\n");
   put(good);

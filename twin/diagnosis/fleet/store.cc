@@ -1,4 +1,7 @@
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <initializer_list>
 #include <map>
 #include <optional>
 #include <stdexcept>
@@ -41,6 +44,53 @@ CREATE TABLE notes(id INTEGER PRIMARY KEY, joint INTEGER REFERENCES joints, time
 constexpr std::array claim_columns{"claim11", "claim21", "claim22", "claim31", "claim32",
                                    "claim33", "claim44", "claim54", "claim55"};
 
+/// Column of an observation and what it may be: a store is a plain file, in which others may have written.
+struct KeptNumber {
+  std::string_view name;
+  Bounds range;
+  bool may_lack = false;
+
+  bool contains(double x) const { return std::isnan(x) ? may_lack : x >= range.minimum && x <= range.maximum; }
+};
+constexpr Bounds positive{0, 1e12}, of_any_sign{-1e12, 1e12}, claimed{0, 1e9}, coupled{-1e9, 1e9};
+constexpr std::array kept_numbers{KeptNumber{"time_s", {-62167219200, 253402300799}},  // years 0 to 9999
+                                  KeptNumber{"temperature_degC", {-273.15, 1000}, true},
+                                  KeptNumber{"load_norm", of_any_sign, true},
+                                  KeptNumber{"Fc_nm", positive},
+                                  KeptNumber{"Fs_nm", positive},
+                                  KeptNumber{"Vs_rad_s", positive},
+                                  KeptNumber{"Fv", positive},
+                                  KeptNumber{"beta", of_any_sign},
+                                  KeptNumber{"scatter1", positive},
+                                  KeptNumber{"scatter2", positive},
+                                  KeptNumber{"claim11", claimed, true},
+                                  KeptNumber{"claim21", coupled, true},
+                                  KeptNumber{"claim22", claimed, true},
+                                  KeptNumber{"claim31", coupled, true},
+                                  KeptNumber{"claim32", coupled, true},
+                                  KeptNumber{"claim33", claimed, true},
+                                  KeptNumber{"claim44", claimed, true},
+                                  KeptNumber{"claim54", coupled, true},
+                                  KeptNumber{"claim55", claimed, true}};
+/// Of all roots that a region claims; smaller ones are 0, as those of a region that claims nothing.
+constexpr float least_claim = 1e-9F;
+
+/// The name of the first number that a row may not have; empty where there is none.
+std::string_view wrong_number(const Statement& s) {
+  for (std::size_t i = 0; i < kept_numbers.size(); ++i)
+    if (!kept_numbers[i].contains(s.real(static_cast<int>(i)))) return kept_numbers[i].name;
+  return {};
+}
+
+/// Whether the roots of each region are of a covariance, or none.
+bool whole_claims(const ClaimRoots& c) {
+  const auto is_root = [&](std::size_t first, std::initializer_list<std::size_t> others) {
+    return c[first] == 0 ||
+           (c[first] >= least_claim && std::ranges::all_of(others, [&](std::size_t i) { return c[i] >= least_claim; }));
+  };
+  return is_root(0, {2, 5}) && is_root(6, {8});
+}
+
 std::int64_t whole(std::size_t x) { return static_cast<std::int64_t>(x); }
 
 /// Beginnings of notes: "check failed: ", "fit of curve 3 failed: ".
@@ -80,6 +130,17 @@ class Store::Made {
     const std::int64_t id = s.row() ? s.integer(0) : 0;
     if (id) s.run();
     return id;
+  }
+  /// Of an observation with numbers that are none of ours.
+  [[noreturn]] void refuse(const std::string& store, std::int64_t joint, std::int64_t time_s, std::string_view what) {
+    auto& s = statement(
+        "SELECT robots.name, joints.name FROM joints JOIN robots ON robots.id = joints.robot WHERE joints.id = $1")(
+        joint);
+    const bool known = s.row();
+    throw InputError(fmt::format(
+        "{}: robot {}, joint {}, {}: {} is no number that tribotwin fleet writes there; the "
+        "store was changed",
+        store, known ? printable(s.text(0)) : "?", known ? printable(s.text(1)) : "?", date_of(time_s), what));
   }
   void note(std::int64_t joint, std::int64_t time_s, const std::string& text) {
     statement(
@@ -241,6 +302,7 @@ Rows Store::rows(std::int64_t joint, bool learned, std::int64_t from_s, std::int
       "time_s BETWEEN $2 AND $3 AND learned = $4 AND weak = '' ORDER BY time_s, "
       "curve")(joint, from_s, to_s, std::int64_t{learned});
   while (s.row()) {
+    if (const auto wrong = wrong_number(s); !wrong.empty()) made_->refuse(name_, joint, s.integer(0), wrong);
     Observation o;
     for (int i = 0; i < feature_count; ++i) o.features(i) = s.real(3 + i);
     out.push_back({.day = static_cast<double>(s.integer(0)) / 86400,
@@ -252,6 +314,7 @@ Rows Store::rows(std::int64_t joint, bool learned, std::int64_t from_s, std::int
       const double x = s.real(10 + i);
       out.back().claim[static_cast<std::size_t>(i)] = std::isfinite(x) ? static_cast<float>(x) : 0;
     }
+    if (!whole_claims(out.back().claim)) made_->refuse(name_, joint, s.integer(0), "claim11 to claim55");
   }
   return out;
 }

@@ -23,6 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
+constexpr char changed[] = "the file was changed, and the sweep's command with --force writes it anew";
 
 struct Table {
   std::vector<std::string> head;
@@ -39,10 +40,8 @@ Table read_table(const fs::path& file) {
       return true;
     }));
     if (row.size() != table.head.size())
-      throw InputError(
-          fmt::format("{}:{}: has {} cells where the header has {}; the file was changed, and the sweep's "
-                      "command with --force writes it anew",
-                      file.string(), lines.number(), row.size(), table.head.size()));
+      throw InputError(fmt::format("{}:{}: has {} cells where the header has {}; {}", file.string(), lines.number(),
+                                   row.size(), table.head.size(), changed));
   }
   return table;
 }
@@ -93,17 +92,24 @@ void read_results(StoredSweep& s, const fs::path& file) {
 
 void read_bands(StoredSweep& s, const fs::path& file) {
   const Table table = read_table(file);
+  std::vector<std::vector<double>> probabilities;  // by signal
   for (std::size_t c = 1; c < table.head.size(); ++c) {
     const std::string& head = table.head[c];
     std::vector<double> values;
     for (const auto& row : table.rows) values.push_back(number_of(row[c]));
-    if (head.ends_with(".runs"))
+    if (head.ends_with(".runs")) {
       s.bands.push_back({.signal = head.substr(0, head.size() - 5), .runs = std::move(values), .quantiles = {}});
-    else if (const auto q = head.rfind(".q"); q != head.npos && !s.bands.empty()) {
-      if (s.bands.size() == 1) s.probabilities.push_back(number_of(head.substr(q + 2)));
+      probabilities.emplace_back();
+    } else if (const auto q = head.rfind(".q"); q != head.npos && !s.bands.empty()) {
+      probabilities.back().push_back(number_of(head.substr(q + 2)));
       s.bands.back().quantiles.push_back(std::move(values));
     }
   }
+  for (std::size_t b = 0; b < s.bands.size(); ++b)  // also unlike themselves, where they are no numbers
+    if (probabilities[b] != probabilities[0])
+      throw InputError(fmt::format("{}:1: the quantiles of {} are not those of the first signal; {}", file.string(),
+                                   s.bands[b].signal, changed));
+  if (!s.bands.empty()) s.probabilities = probabilities[0];
   for (const auto& row : table.rows) s.times_s.push_back(number_of(row[0]));
 }
 
@@ -148,15 +154,8 @@ void check_estimate(const JsonInput& in) {
     for (const JsonInput& end : in["confidence_95"].list(2, 2)) end.number_or_null(any);
 }
 
-void check_output_statistics(const nlohmann::json& output, const std::string& where) {
+void check_effects(const nlohmann::json& output, const std::string& where) {
   const JsonInput in(output, where);
-  in["count"].number({0, most_runs});
-  if (!in.has("mean")) return;  // no run has a value
-  check_estimate(in["mean"]);
-  if (in.has("deviation")) check_estimate(in["deviation"]);
-  for (const char* end : {"min", "max"}) in[end].number_or_null(any);
-  for (const JsonInput& quantile : in["quantiles"].list(0))
-    quantile["probability"].number({0, 1}), check_estimate(quantile);
   for (const char* effects : {"sobol_indices", "rank_correlations"}) {
     if (!in.has(effects)) continue;
     if (!output[effects].is_object()) in[effects].fail("must be a mapping");
@@ -171,6 +170,23 @@ void check_output_statistics(const nlohmann::json& output, const std::string& wh
   }
 }
 
+/// Probabilities of its quantiles; none where no run has a value.
+std::optional<std::vector<double>> check_output_statistics(const nlohmann::json& output, const std::string& where) {
+  const JsonInput in(output, where);
+  in["count"].number({0, most_runs});
+  check_effects(output, where);
+  if (!in.has("mean")) return std::nullopt;
+  check_estimate(in["mean"]);
+  if (in.has("deviation")) check_estimate(in["deviation"]);
+  for (const char* end : {"min", "max"}) in[end].number_or_null(any);
+  std::vector<double> probabilities;
+  for (const JsonInput& quantile : in["quantiles"].list(0)) {
+    probabilities.push_back(quantile["probability"].number({0, 1}));
+    check_estimate(quantile);
+  }
+  return probabilities;
+}
+
 /// What readers of statistics.json rely on. Throws InputError.
 void check_statistics(const nlohmann::json& statistics, const fs::path& file) {
   const JsonInput in(statistics, file.string());
@@ -179,11 +195,16 @@ void check_statistics(const nlohmann::json& statistics, const fs::path& file) {
     if (in.has("stopped")) (void)in["stopped"].text();
     for (const JsonInput& note : in["notes"].list(0)) (void)note.text();
     if (!statistics["outputs"].is_object()) in["outputs"].fail("must be a mapping");
-    for (const auto& [name, output] : statistics["outputs"].items())
-      check_output_statistics(output, fmt::format("{}: outputs: {}", file.string(), name));
+    std::optional<std::vector<double>> first;
+    for (const auto& [name, output] : statistics["outputs"].items()) {
+      const std::string where = fmt::format("{}: outputs: {}", file.string(), name);
+      const auto probabilities = check_output_statistics(output, where);
+      if (!first) first = probabilities;
+      if (probabilities && *probabilities != *first)
+        JsonInput(output, where)["quantiles"].fail("must have the probabilities of the other outputs");
+    }
   } catch (const InputError& e) {
-    throw InputError(
-        fmt::format("{}; the file was changed, and the sweep's command with --force writes it anew", e.what()));
+    throw InputError(fmt::format("{}; {}", e.what(), changed));
   }
 }
 
@@ -205,6 +226,7 @@ std::string date_of(const fs::path& directory) {
     for (const auto& entry : fs::directory_iterator(place, error))
       if (const auto ending = entry.path().extension(); ending == ".json" || ending == ".csv")
         newest = std::max(newest, entry.last_write_time(error));
+  if (newest == fs::file_time_type::min()) return {};  // no run yet
   const auto age = std::chrono::duration_cast<std::chrono::seconds>(fs::file_time_type::clock::now() - newest);
   const std::time_t at = std::time(nullptr) - age.count();
   std::tm local{};

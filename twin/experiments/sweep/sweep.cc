@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/twin/experiments/sweep/sweep.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
 #include <tribotwin/twin/io/file.hpp>
@@ -23,6 +24,18 @@ constexpr char folder[] = "runs", statistics_file[] = "statistics.json", origin_
 constexpr std::size_t first_batch = 32;
 
 std::string file_of(std::size_t run) { return fmt::format("{:07}.json", run); }
+
+/// The runs before `end` that have a file, ascending: few of the many that a plan may ask for.
+std::vector<std::size_t> runs_there(const fs::path& directory, std::size_t end) {
+  std::vector<std::size_t> there;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(directory / folder, error)) {
+    const auto run = to_integer<std::size_t>(entry.path().stem().string());
+    if (run && *run < end && entry.path().filename() == file_of(*run)) there.push_back(*run);
+  }
+  std::ranges::sort(there);
+  return there;
+}
 
 /// The checks of the health check that warn: "saturation, tracking".
 std::string warnings_of(const Summary& summary) {
@@ -224,11 +237,8 @@ Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const
 
 Result<std::vector<std::optional<RunResult>>> read_runs(const Plan& plan, const fs::path& directory) {
   std::vector<std::optional<RunResult>> all(plan.runs);
-  std::error_code error;
-  for (std::size_t r = 0; r < plan.runs; ++r) {
-    const fs::path file = directory / folder / file_of(r);
-    if (!fs::exists(file, error)) continue;
-    const auto text = read_text(file, "a file");
+  for (const std::size_t r : runs_there(directory, plan.runs)) {
+    const auto text = read_text(directory / folder / file_of(r), "a file");
     if (!text) return tl::unexpected(text.error());
     if (is_run(plan, r, *text)) all[r] = from_line(r, *text);
   }
@@ -245,9 +255,9 @@ Result<SweepStatus> read_status(const fs::path& directory) try {
   if (!plan.has("resolved_scenario") || !plan.has("runs")) return none("holds another kind of campaign");
   SweepStatus status{.planned = plan.whole("runs", {1, most_runs}), .seconds_left = {}};
   std::vector<fs::file_time_type> times;
-  for (std::size_t r = 0; r < status.planned; ++r) {
+  for (const std::size_t r : runs_there(directory, status.planned)) {
     const fs::path file = directory / folder / file_of(r);
-    const auto text = fs::exists(file, error) ? read_text(file, "a file") : Result<std::string>(work_failed(""));
+    const auto text = read_text(file, "a file");
     const auto result = text ? from_line(r, *text) : std::nullopt;
     if (!result) continue;
     ++status.present;

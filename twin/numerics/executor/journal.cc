@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <cstring>
 #include <optional>
+#include <stdexcept>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -32,17 +33,19 @@ std::string record_of(std::string_view task, std::string_view result) {
 }
 
 /// Cuts the first record off; none where it is not whole.
-std::optional<std::pair<std::string, std::string>> next_record(std::string_view& bytes) {
+std::optional<std::pair<std::string, std::string>> next_record(std::string_view& bytes) try {
   if (bytes.size() < head_size) return std::nullopt;
   BytesIn in(bytes);
   const Head head{in.get<std::uint64_t>(), in.get<std::uint32_t>()};
   if (head.size > bytes.size() - head_size) return std::nullopt;
   const std::string_view body = bytes.substr(head_size, head.size);
   if (crc32(body) != head.sum) return std::nullopt;
-  bytes.remove_prefix(head_size + head.size);
   BytesIn both(body);
-  std::string task = both.text();
-  return std::pair(std::move(task), both.text());
+  std::string task = both.text(), result = both.text();
+  bytes.remove_prefix(head_size + head.size);
+  return std::pair(std::move(task), std::move(result));
+} catch (const std::runtime_error&) {  // somebody else's: task and result are longer than the record
+  return std::nullopt;
 }
 
 tl::unexpected<Error> not_written(const fs::path& file, int error) {

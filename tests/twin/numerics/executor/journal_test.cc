@@ -9,6 +9,8 @@
 #include <gtest/gtest.h>
 
 #include <tribotwin/tests/small_disk.hpp>
+#include <tribotwin/twin/io/checksum.hpp>
+#include <tribotwin/twin/numerics/executor/bytes.hpp>
 #include <tribotwin/twin/numerics/executor/journal.hpp>
 
 namespace tribotwin::twin {
@@ -114,6 +116,32 @@ TEST_F(JournalTest, ADamagedRecordDoesNotCount) {
       EXPECT_LT(journal->find("").size(), 6u);
     }
   }
+}
+
+// As above with a checksum that is right: only somebody else can have written it.
+TEST_F(JournalTest, ARecordWhoseSizesAreWrongDoesNotCount) {
+  {
+    auto journal = open().value();
+    keep(journal, 0, 4);
+  }
+  const std::string whole = bytes();
+  const auto record = [](const std::string& body) {
+    return BytesOut().put<std::uint64_t>(body.size()).put<std::uint32_t>(crc32(body)).take() + body;
+  };
+  const std::string task = BytesOut().put(std::string_view("a")).take();
+  for (const std::string& body : {std::string(), std::string(7, '\0'), std::string(16, '\xFF'), task,
+                                  task + BytesOut().put<std::uint64_t>(1).take()}) {
+    write(whole + record(body) + record(task + task));
+    auto journal = open();
+    ASSERT_TRUE(journal);
+    expect(*journal, 4);
+    keep(*journal, 4, 6);
+    expect(open().value(), 6);
+  }
+  write(whole.substr(0, whole.find('\n') + 1) + record(std::string(16, '\xFF')));
+  const auto journal = open();
+  ASSERT_FALSE(journal);
+  EXPECT_THAT(journal.error().message, AllOf(HasSubstr(file_.string()), HasSubstr("is damaged")));
 }
 
 TEST_F(JournalTest, IsNotThatOfOtherWork) {

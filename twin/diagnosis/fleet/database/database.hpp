@@ -35,7 +35,7 @@ class Statement {
     while (row()) {
     }
   }
-  /// NULL: 0, NaN, "".
+  /// NULL: 0, NaN, "". A real that is no number: NaN.
   virtual std::int64_t integer(int column) const = 0;
   virtual double real(int column) const = 0;
   virtual std::string text(int column) const = 0;

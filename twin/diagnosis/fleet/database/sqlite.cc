@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <sqlite3.h>
 
+#include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/diagnosis/fleet/database/database.hpp>
 #include <tribotwin/twin/io/input.hpp>
 
@@ -16,14 +17,14 @@ namespace {
 
 constexpr int application = 0x54424654;  ///< "TBFT" in the file's header
 
-/// "FILE: why": with the system's reason where there is one, as for other files.
+/// "FILE: why": with the system's reason where there is one, as for other files. SQLite quotes the file's schema.
 std::string why(sqlite3* db) {
   const int system = sqlite3_system_errno(db), code = sqlite3_errcode(db) & 0xff;
   const std::string name = std::filesystem::path(sqlite3_db_filename(db, "main")).filename().string();
   if (code == SQLITE_FULL || ((code == SQLITE_IOERR || code == SQLITE_CANTOPEN) && system != 0))
     return fmt::format("{} or its journal {}-journal: {}", name, name,
                        std::strerror(code == SQLITE_FULL ? ENOSPC : system));
-  return fmt::format("{}: {}", name, sqlite3_errmsg(db));
+  return fmt::format("{}: {}", name, without_controls(sqlite3_errmsg(db)));
 }
 
 /// Whether the name or its permissions are wrong, and not the machine.
@@ -35,8 +36,10 @@ bool wrong_name(int code, int system) {
 class SqliteStatement : public Statement {
  public:
   SqliteStatement(sqlite3* db, const char* sql) : db_(db) {
-    if (sqlite3_prepare_v3(db, sql, -1, SQLITE_PREPARE_PERSISTENT, &statement_, nullptr) != SQLITE_OK)
-      throw std::runtime_error(why(db));
+    const int code = sqlite3_prepare_v3(db, sql, -1, SQLITE_PREPARE_PERSISTENT, &statement_, nullptr);
+    if (code == SQLITE_ERROR)
+      throw InputError(fmt::format("{}; its tables are not those of a store of tribotwin fleet", why(db)));
+    if (code != SQLITE_OK) throw std::runtime_error(why(db));
     // To SQLite $1 is a name; its number is that of its first use.
     for (int i = 1; i <= sqlite3_bind_parameter_count(statement_); ++i)
       if (const char* name = sqlite3_bind_parameter_name(statement_, i); !name || name != fmt::format("${}", i)) {
@@ -54,8 +57,9 @@ class SqliteStatement : public Statement {
   }
   std::int64_t integer(int column) const override { return sqlite3_column_int64(statement_, column); }
   double real(int column) const override {
-    return sqlite3_column_type(statement_, column) == SQLITE_NULL ? std::numeric_limits<double>::quiet_NaN()
-                                                                  : sqlite3_column_double(statement_, column);
+    const int type = sqlite3_column_type(statement_, column);
+    return type == SQLITE_FLOAT || type == SQLITE_INTEGER ? sqlite3_column_double(statement_, column)
+                                                          : std::numeric_limits<double>::quiet_NaN();
   }
   std::string text(int column) const override {
     const auto* bytes = sqlite3_column_text(statement_, column);
@@ -80,6 +84,13 @@ struct Close {
   void operator()(sqlite3* db) const { sqlite3_close(db); }
 };
 
+/// A store has tables alone: what a file has of triggers and views, and functions of its schema, is somebody else's.
+void run_nothing_of(sqlite3* db) {
+  for (const int what : {SQLITE_DBCONFIG_ENABLE_TRIGGER, SQLITE_DBCONFIG_ENABLE_VIEW, SQLITE_DBCONFIG_TRUSTED_SCHEMA})
+    sqlite3_db_config(db, what, 0, nullptr);
+  sqlite3_limit(db, SQLITE_LIMIT_LENGTH, static_cast<int>(limits::text_bytes));
+}
+
 std::unique_ptr<sqlite3, Close> opened(const std::filesystem::path& file) {
   sqlite3* raw = nullptr;
   const int code = sqlite3_open_v2(file.c_str(), &raw, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, nullptr);
@@ -95,6 +106,7 @@ std::unique_ptr<sqlite3, Close> opened(const std::filesystem::path& file) {
     throw std::runtime_error(message);
   }
   sqlite3_busy_timeout(raw, 10000);
+  run_nothing_of(raw);
   return db;
 }
 

@@ -172,7 +172,8 @@ Overview overview_of(const std::filesystem::path& file, const SurveyOptions& opt
     o.check = check_fleet(&store, options);
     o.watch = watch_fleet(&store, options);
   } catch (const InputError& e) {
-    throw InputError(fmt::format("{}: {}", file.string(), e.what()));
+    const std::string what = e.what(), place = file.string() + ": ";
+    throw InputError(what.starts_with(place) ? what : place + what);
   }
   const std::int64_t to_s = o.check.time_s,
                      from_s = to_s - static_cast<std::int64_t>(std::llround(options.days * day_s)) + 1;
