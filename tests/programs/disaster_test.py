@@ -1,7 +1,7 @@
-"""Full and read-only disks and kill -9, for every command that writes: what was there stays, what is new is absent or
-whole, and the exit code says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a disk that
-is really full (a small tmpfs), kill -9 at random instants. Options: programs.py."""
-import os, random, subprocess
+"""Full and read-only disks, signals and kill -9, for every command that writes: what was there stays, what is new is
+absent or whole, and the exit code says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a
+disk that is really full (a small tmpfs), kill -9 at random instants. Options: programs.py."""
+import os, random, signal, subprocess
 
 from programs import *
 
@@ -251,6 +251,32 @@ def killed_at_calls(variant, truth, calls):
     return tally.runs
 
 
+def ended_by_signals(variant, truth, calls):
+    """SIGINT, SIGTERM or SIGHUP just before a change of the disk: nothing temporary stays."""
+    command, over_old = variant
+    names = ("SIGTERM", "SIGINT", "SIGHUP")
+    cases = [(n, names[i % 3]) for i, n in enumerate(chosen(len(calls)))]
+    if not nightly:
+        cases = random.Random(f"{seed} {title(*variant)} signals").sample(cases, min(2, len(cases)))
+
+    def one(case):
+        n, name = case
+        r = run_faulty(command, over_old, n, name)
+        complaints, litter = judge(command, r, truth)
+        if r.code == 0:  # it came when all was done, or the work ended by itself
+            complaints += missing(r, truth)
+        elif r.code != -getattr(signal, name) and not (r.code == 1 and "interrupted" in r.stderr):
+            complaints.insert(0, f"exit code {r.code}, {r.stderr[-200:]!r}")
+        complaints += again(command, over_old, r, truth)
+        forget(r)
+        return f"change {n} ({name}: {' '.join(r.calls[n - 1]) if len(r.calls) >= n else '?'})", complaints, litter
+
+    tally = Tally(title(*variant) + ": a signal just before a change of the disk")
+    for where, complaints, litter in in_parallel(one, cases):
+        tally.add(where, complaints, litter)
+    tally.report(f"{tally.runs} signals")
+
+
 def killed_at_random(variant, truth, seconds):
     command, over_old = variant
     instants = random.Random(f"{seed} {title(*variant)}")
@@ -291,6 +317,7 @@ for variant in variants:
     if not variant[0].slow:
         full_disk(variant, truth, calls)
         total += killed_at_calls(variant, truth, calls)
+        ended_by_signals(variant, truth, calls)
         if may_mount:
             really_full(variant, truth)
     # Between two changes of the disk a kill leaves what one at the next change leaves, but for children and rows.

@@ -128,6 +128,24 @@ def test(command, over_old, cases):
     return met
 
 
+def engine_gives_up():
+    """A model whose stack in the engine is too small for its contacts, which come when the beam has fallen."""
+    beam = "".join(f'<geom type="box" size=".04 .04 .04" pos="{i / 10} 0 0"/>' for i in range(40))
+    fall = f'<geom type="plane" size="5 5 .1" pos="2 0 -1"/><body pos="2 0 0"><freejoint/>{beam}</body>'
+    write("beam.xml", PENDULUM.replace("<worldbody>", f'<size nstack="2000"/><worldbody>{fall}'))
+    write("beam.yaml", "model: beam.xml\nduration_s: 3\n" + MOTION)
+    folder = new_folder()
+    r = subprocess.run(
+        [programs["tribotwin"], "run", f"{inputs}/beam.yaml", "-o", "out"], cwd=folder, capture_output=True, text=True
+    )
+    after = snapshot(folder)
+    said = r.stderr == "tribotwin: the engine gave up: Stack overflow\n"
+    check("the engine gives up: exit code 1, and it is said", r.returncode == 1 and said, (r.returncode, r.stderr))
+    check("the engine gives up: what is left", set(after) == {"out/telemetry.h5", "out/scenario.yaml"}, sorted(after))
+    found = columns(recovered(after["out/telemetry.h5"]))
+    check("the engine gives up: the record is recovered", found and not found["complete"], found)
+
+
 def whole():
     return sum(test(c, o, list(cases_of(c, o))) for c in commands for o in [False, bool(c.out)] if not c.slow)
 
@@ -152,4 +170,6 @@ def sample():
 
 
 print(whole() if nightly else sample(), "faults met")
+if not options.only:
+    engine_gives_up()
 finish()

@@ -12,6 +12,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/output.hpp>
 
 namespace tribotwin::twin {
@@ -54,6 +55,7 @@ void erase_progress() {
   for (const std::string_view text :
        {std::string_view(program_invocation_short_name), std::string_view(": "), why, std::string_view("\n")})
     (void)write_all(STDERR_FILENO, text);
+  remove_temporaries();
   if (!no_memory) std::abort();  // with what a debugger can read
   std::_Exit(failed);
 }
@@ -62,6 +64,7 @@ void erase_progress() {
 
 void prepare_streams() {
   std::set_terminate(give_up);
+  remove_temporaries_at_end();
   for (const int signal : {SIGPIPE, SIGXFSZ}) std::signal(signal, SIG_IGN);
   std::signal(SIGCHLD, SIG_DFL);
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})

@@ -13,8 +13,9 @@ namespace tribotwin::twin {
 enum Exit { done = 0, failed = 1, wrong_input = 2, limit_exceeded = 3 };
 
 /// First call of every main(). Writing to a closed pipe or beyond a file size limit becomes an error instead of a
-/// signal. Child processes can be waited for, also where the caller ignores SIGCHLD. A standard stream that was closed
-/// is replaced by one that fails, so that no opened file gets its number.
+/// signal. A signal that ends the program removes what is temporary (interrupt.hpp). Child processes can be waited for,
+/// also where the caller ignores SIGCHLD. A standard stream that was closed is replaced by one that fails, so that no
+/// opened file gets its number.
 void prepare_streams();
 
 /// Text to stdout (results only) and to stderr (everything else), whole, also into a pipe that is slow. "note:" and
