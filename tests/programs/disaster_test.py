@@ -24,6 +24,17 @@ def title(command, over_old):
     return command.name + (" over an old result" if over_old else "")
 
 
+def not_forced(command, outcome):
+    """Of the command's files those whose folder was not forced to disk after they got their names there."""
+    named = {}
+    for at, (call, path) in enumerate(outcome.calls):
+        if call.startswith(("open", "rename")):
+            named[path] = at
+    last_sync = {path: at for at, (call, path) in enumerate(outcome.calls) if call == "fsync"}
+    files = [os.path.join(outcome.folder, o) for o in command.out if not o.endswith("/")]
+    return [os.path.basename(f) for f in files if f in named and last_sync.get(os.path.dirname(f), -1) < named[f]]
+
+
 def undisturbed(variant):
     """What the command leaves, how long it takes and the changes it makes; that a second one leaves the same."""
     command, over_old = variant
@@ -35,6 +46,9 @@ def undisturbed(variant):
         f"{title(*variant)}: undisturbed, it works and repeats",
         good,
         (first.code, first.stderr[-500:], judge(command, second, first.after)),
+    )
+    check(
+        f"{title(*variant)}: the names are forced to disk", not not_forced(command, first), not_forced(command, first)
     )
     forget(first), forget(second)
     return first.after, second.seconds, first.calls, good
