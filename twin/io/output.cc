@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <csignal>
@@ -28,12 +29,27 @@ std::chrono::steady_clock::time_point progress_begun;  // of the latest; one job
 /// The first steps of a job say little about the others: until then no time left is shown.
 constexpr std::chrono::seconds settled_after{3};
 
-constexpr std::string_view red = "\033[1;31m", yellow = "\033[1;33m", cyan = "\033[1;36m", plain = "\033[0m";
+constexpr std::string_view red = "\033[1;31m", yellow = "\033[1;33m", cyan = "\033[1;36m", thick = "\033[1m",
+                           plain = "\033[0m";
 
 /// `text` with its beginning of `length` in a colour, where messages are coloured.
 std::string message(std::string_view text, std::size_t length, std::string_view colour) {
   if (!coloured(Stream::messages)) return std::string(text);
   return fmt::format("{}{}{}{}", colour, text.substr(0, length), plain, text.substr(length));
+}
+
+/// Without control characters but those of bold(), where the output is coloured.
+std::string shown(std::string_view text) {
+  std::string out;
+  while (coloured(Stream::output) && !text.empty()) {
+    const auto begin = std::min(text.find(thick), text.find(plain));
+    out += without_controls(std::string(text.substr(0, begin)));
+    if (begin == text.npos) return out;
+    const std::string_view ours = text.substr(begin).starts_with(thick) ? thick : plain;
+    out += ours;
+    text.remove_prefix(begin + ours.size());
+  }
+  return out + without_controls(std::string(text));
 }
 
 /// What comes next begins a line of its own.
@@ -77,7 +93,11 @@ const std::string& held_error() { return last_error; }
 void print_text(std::string_view text) {
   if (held_back) return;
   erase_progress();
-  if (stdout_error == 0) stdout_error = write_all(STDOUT_FILENO, text);
+  if (stdout_error == 0) stdout_error = write_all(STDOUT_FILENO, shown(text));
+}
+
+std::string bold(std::string_view text, Stream stream) {
+  return coloured(stream) ? fmt::format("{}{}{}", thick, text, plain) : std::string(text);
 }
 
 void choose_colour(int argc, const char* const* argv) {

@@ -18,9 +18,9 @@ enum Exit { done = 0, failed = 1, wrong_input = 2, limit_exceeded = 3 };
 /// opened file gets its number.
 void prepare_streams();
 
-/// Text to stdout (results only) and to stderr (everything else), whole, also into a pipe that is slow. "note:" and
-/// "warning:" at the beginning of a message are coloured where the stream is; control characters behind them are shown
-/// as \\xNN.
+/// Text to stdout (results only) and to stderr (everything else), whole, also into a pipe that is slow. Control
+/// characters but newline and tab are shown as \\xNN: names come from files of users, and a terminal would obey them.
+/// In messages that is so behind "note:" and "warning:" at their beginning, which are coloured where the stream is.
 void print_text(std::string_view text);
 void report_text(std::string_view text);
 
@@ -29,6 +29,8 @@ void report_text(std::string_view text);
 void choose_colour(int argc, const char* const* argv);
 enum class Stream { output, messages };
 bool coloured(Stream stream);
+/// The text, bold where that stream is coloured.
+std::string bold(std::string_view text, Stream stream);
 
 /// A part of the result, to stdout.
 template <class... Arguments>
