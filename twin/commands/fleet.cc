@@ -13,6 +13,7 @@
 #include <tribotwin/twin/diagnosis/fleet/database/database.hpp>
 #include <tribotwin/twin/diagnosis/fleet/learning/learning.hpp>
 #include <tribotwin/twin/diagnosis/fleet/survey.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
@@ -124,6 +125,7 @@ Result<Exit> learn(const Arguments& a) {
   const Imported data = imported(store.get(), a);
   const Learned learned = learn_fleet(store.get(), {.threads = a.threads, .retries = a.retries});
   if (!store) return done;
+  if (interrupted()) return work_failed("interrupted; the store is as before");
   store->commit();
   const auto failures = together(failed_of("fit", data.failed), failed_of(learned.failed));
   Json j{{"files", Json::array({without_password(a.store)})},
@@ -231,6 +233,7 @@ Result<Exit> survey(const Arguments& a, bool check) {
   const Imported data = imported(store.get(), a);
   const Survey s = check ? check_fleet(store.get(), a.survey) : watch_fleet(store.get(), a.survey);
   if (!store) return done;
+  if (interrupted()) return work_failed("interrupted; the store is as before");
   store->commit();
   const std::string sentence = sentence_of(s, a.survey, check);
   const auto failures = together(failed_of("fit", data.failed), failed_of("judgement", s.failed));
@@ -255,6 +258,7 @@ void prepare(Arguments& a) {
   a.import.retries = a.survey.retries = a.retries;
   a.survey.load_sensitivity = a.import.load_sensitivity;
   a.import.read.columns = a.columns;
+  catch_interrupts();  // the store goes back to what it was, and its journal goes with it
   for (const auto& data : a.data)
     if (is_same_file(data, a.store)) throw InputError(fmt::format("{}: is the store itself, not DATA", data));
   if (a.date.empty()) return;
