@@ -364,7 +364,6 @@ commands = [
             "hil conform",
             ("hil", "conform", "--can", "gateway://127.0.0.1:{drive}/can0", "--only", "nmt.start", "-o", "report.txt"),
             ("report.txt",),
-            stream="report.txt",
         ),
         Command(
             "hil replay",
