@@ -143,16 +143,23 @@ bool RecordFile::reader_takes_more() {
   return ::poll(&pipe, 1, pipe_wait_ms) != 0 || (options_.give_up && !options_.give_up());
 }
 
+/// Forces the file's name to disk.
+Status RecordFile::sync_name() {
+  std::error_code error;
+  const std::filesystem::path file = std::filesystem::canonical(file_, error);
+  return error ? Status{} : twin::sync_folder(file.parent_path());  // somebody has removed it
+}
+
 Status RecordFile::finish() {
   if (auto ok = flush(); !ok) return ok;
   if (auto ok = begin(); !ok) return ok;
   if (regular_ && ::fsync(fd_.get()) != 0) return fail(errno);
-  if (fd_.close()) {
-    if (!replaced_.empty()) ::unlink(replaced_.c_str());
-    return {};
-  }
-  error_ = not_written(file_, reason(errno));
-  return work_failed(error_);
+  error_ = fd_.close() ? "" : not_written(file_, reason(errno));
+  if (error_.empty() && regular_)
+    if (auto ok = sync_name(); !ok) error_ = ok.error().message;
+  if (!error_.empty()) return work_failed(error_);
+  if (!replaced_.empty()) ::unlink(replaced_.c_str());
+  return {};
 }
 
 }  // namespace tribotwin::hil

@@ -34,7 +34,7 @@ class RecordFile {
   /// further call fails with the same message, which names the file.
   Result<void> append(std::string_view lines);
   Result<void> flush();
-  /// Flushes, forces the file to disk and closes it.
+  /// Flushes, forces the file and its name to disk and closes it.
   Result<void> finish();
 
  private:
@@ -42,7 +42,7 @@ class RecordFile {
   Result<void> fail(int error);
   Result<void> begin();
   bool reader_takes_more();
-
+  Result<void> sync_name();
   Result<void> set_aside();
 
   std::filesystem::path file_, replaced_;

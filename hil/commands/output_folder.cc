@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include <tribotwin/hil/commands/output_folder.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 
 namespace tribotwin::hil {
 namespace {
@@ -44,6 +45,7 @@ class Staging {
     (void)!::getrandom(&random, sizeof random, 0);
     path_ = (is_there(folder) ? folder : folder.parent_path()) /
             fmt::format(".{}.partial-{:016x}", folder.filename().string(), random);
+    temporary_ = twin::Temporary(path_);
     error_ = ::mkdir(path_.c_str(), 0777) == 0 ? 0 : errno;
   }
   Staging(const Staging&) = delete;
@@ -57,6 +59,7 @@ class Staging {
 
  private:
   fs::path path_;
+  twin::Temporary temporary_;
   int error_;
 };
 

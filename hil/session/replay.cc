@@ -259,7 +259,7 @@ class Replay {
       if (o_.events.happened) o_.events.happened(time_s(), event);
     }
     return {};
-  } catch (const std::exception& wrong) {
+  } catch (const twin::InputError& wrong) {
     return tl::unexpected(
         fmt::format("{}: has an event that this scenario cannot have: {}", session_->file().string(), wrong.what()));
   }

@@ -151,7 +151,7 @@ void install_message_handlers() {
   mju_user_error = [](const char* message) {
     std::fprintf(stderr, "tribotwin: the engine gave up: %s\n", message);
     std::fflush(nullptr);
-    std::_Exit(1);
+    std::quick_exit(1);
   };
   watch_memory();
 }

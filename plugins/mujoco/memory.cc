@@ -17,7 +17,7 @@ void* memory_of_xml(std::size_t size) {
   if (void* const memory = std::malloc(size)) return memory;
   std::fputs("tribotwin: out of memory\n", stderr);
   std::fflush(nullptr);
-  std::_Exit(1);
+  std::quick_exit(1);
 }
 
 }  // namespace

@@ -154,6 +154,12 @@ os.mkfifo(path("fifo.h5"))
 with h5py.File(path("vast.h5"), "w") as f:
     for column in columns:
         f.create_dataset(column, (1 << 31,), "f8", chunks=(1024,))
+with h5py.File(path("chunks.h5"), "w") as f:
+    for column, values in columns.items():
+        text = column in ("robot", "joint", "date")
+        data = np.resize(np.array(values, h5py.string_dtype("ascii", 20) if text else float), 40_000)
+        data[-1] = "never" if column == "date" else data[-1]
+        f.create_dataset(column, data=data, chunks=(1,))
 learn = (tribotwin, "fleet", "learn", "-o", "new.db")
 # Many of everything: a reader whose time grows with the square would not be done in time.
 names = [f"position_j{joint}_rad" for joint in range(90_000)]
@@ -172,6 +178,7 @@ write(
 for name, command in (
     ("fifo.h5", (*learn, "fifo.h5")),
     ("vast.h5", (*learn, "vast.h5")),
+    ("chunks.h5", (*learn, "chunks.h5")),
     ("wide.csv", (tribotwin, "identify", "--law", "stribeck", "wide.csv")),
     ("many.xml", (tribotwin, "curve", "many.xml", "--joint", "joint2")),
     (

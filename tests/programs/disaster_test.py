@@ -1,7 +1,7 @@
-"""Full and read-only disks and kill -9, for every command that writes: what was there stays, what is new is absent or
-whole, and the exit code says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a disk that
-is really full (a small tmpfs), kill -9 at random instants. Options: programs.py."""
-import os, random, subprocess
+"""Full and read-only disks, signals and kill -9, for every command that writes: what was there stays, what is new is
+absent or whole, and the exit code says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a
+disk that is really full (a small tmpfs), kill -9 at random instants. Options: programs.py."""
+import os, random, signal, subprocess
 
 from programs import *
 
@@ -24,6 +24,17 @@ def title(command, over_old):
     return command.name + (" over an old result" if over_old else "")
 
 
+def not_forced(command, outcome):
+    """Of the command's files those whose folder was not forced to disk after they got their names there."""
+    named = {}
+    for at, (call, path) in enumerate(outcome.calls):
+        if call.startswith(("open", "rename")):
+            named[path] = at
+    last_sync = {path: at for at, (call, path) in enumerate(outcome.calls) if call == "fsync"}
+    files = [os.path.join(outcome.folder, o) for o in command.out if not o.endswith("/")]
+    return [os.path.basename(f) for f in files if f in named and last_sync.get(os.path.dirname(f), -1) < named[f]]
+
+
 def undisturbed(variant):
     """What the command leaves, how long it takes and the changes it makes; that a second one leaves the same."""
     command, over_old = variant
@@ -35,6 +46,9 @@ def undisturbed(variant):
         f"{title(*variant)}: undisturbed, it works and repeats",
         good,
         (first.code, first.stderr[-500:], judge(command, second, first.after)),
+    )
+    check(
+        f"{title(*variant)}: the names are forced to disk", not not_forced(command, first), not_forced(command, first)
     )
     forget(first), forget(second)
     return first.after, second.seconds, first.calls, good
@@ -92,6 +106,12 @@ class Tally:
         check(self.name, not self.bad, "\n     ".join(["", *self.bad[:4], *more]), f"({covered}{litter})")
 
 
+def but_journals(command, complaints):
+    """A store that cannot be put right on its disk keeps its journal, which does that when it is opened again."""
+    stores = tuple(f"{start}{name}" for name in command.added_to for start in ("", "litter: "))
+    return [c for c in complaints if not (stores and c.startswith(stores))]
+
+
 def full_disk(variant, truth, calls):
     """The N-th change fails, one way after the other; with --all in every way. What can go on does so once."""
     command, over_old = variant
@@ -106,7 +126,8 @@ def full_disk(variant, truth, calls):
         n, how = case
         reason = READ_ONLY if how == "read-only" else REASON
         r = run_faulty(command, over_old, n, how)
-        complaints, litter = judge(command, r, truth)
+        found, litter = judge(command, r, truth)
+        complaints = but_journals(command, found)
         reached = len(r.calls) >= n  # how often a run flushes depends on the clock
         failed_at = r.calls[n - 1] if reached else ["none", r.folder]
         hint = (
@@ -115,6 +136,9 @@ def full_disk(variant, truth, calls):
         # of work that is kept until it is done, and then removed or written anew
         hint |= reached and how == "once" and failed_at[0] == "close" and failed_at[1].endswith(".unfinished")
         hint |= reached and command.name.startswith("fleet") and "sync" in failed_at[0] and os.path.isdir(failed_at[1])
+        if r.code == 0 and command.tells_master:
+            forget(r)
+            return f"change {n} ({how})", complaints, litter
         if r.code == 0 and (hint or not reached):
             complaints += missing(r, truth)
             forget(r)
@@ -137,7 +161,7 @@ def full_disk(variant, truth, calls):
             for call in (r.calls[n - 1 :] if how == "short" and reached else [failed_at])
         ):
             complaints.append(f"the file is not named: {r.stderr[-200:]!r}")
-        if how == "read-only" and n in resumed:
+        if how == "read-only" and n in resumed or complaints != found and r.code:
             complaints += again(command, over_old, r, truth)
         forget(r)
         return (f"change {n} ({how}: {failed_at[0]} {os.path.relpath(failed_at[1], r.folder)})", complaints, litter)
@@ -181,7 +205,7 @@ def really_full(variant, truth):
         r.before, r.after = before, snapshot(result)
         complaints, litter = judge(command, r, truth)
         if r.code == 0:  # it may have made room by replacing what was there
-            complaints += missing(r, truth)
+            complaints += [] if command.tells_master else missing(r, truth)
         elif r.code != 1 or REASON not in r.stderr:
             complaints.insert(0, f"exit code {r.code}, {r.stderr[-200:]!r}")
         for path in (folder, disk, result):
@@ -251,6 +275,32 @@ def killed_at_calls(variant, truth, calls):
     return tally.runs
 
 
+def ended_by_signals(variant, truth, calls):
+    """SIGINT, SIGTERM or SIGHUP just before a change of the disk: nothing temporary stays."""
+    command, over_old = variant
+    names = ("SIGTERM", "SIGINT", "SIGHUP")
+    cases = [(n, names[i % 3]) for i, n in enumerate(chosen(len(calls)))]
+    if not nightly:
+        cases = random.Random(f"{seed} {title(*variant)} signals").sample(cases, min(2, len(cases)))
+
+    def one(case):
+        n, name = case
+        r = run_faulty(command, over_old, n, name)
+        complaints, litter = judge(command, r, truth)
+        if r.code == 0:  # it came when all was done, or the work ended by itself
+            complaints += missing(r, truth)
+        elif r.code != -getattr(signal, name) and not (r.code == 1 and "interrupted" in r.stderr):
+            complaints.insert(0, f"exit code {r.code}, {r.stderr[-200:]!r}")
+        complaints += again(command, over_old, r, truth)
+        forget(r)
+        return f"change {n} ({name}: {' '.join(r.calls[n - 1]) if len(r.calls) >= n else '?'})", complaints, litter
+
+    tally = Tally(title(*variant) + ": a signal just before a change of the disk")
+    for where, complaints, litter in in_parallel(one, cases):
+        tally.add(where, complaints, litter)
+    tally.report(f"{tally.runs} signals")
+
+
 def killed_at_random(variant, truth, seconds):
     command, over_old = variant
     instants = random.Random(f"{seed} {title(*variant)}")
@@ -291,6 +341,7 @@ for variant in variants:
     if not variant[0].slow:
         full_disk(variant, truth, calls)
         total += killed_at_calls(variant, truth, calls)
+        ended_by_signals(variant, truth, calls)
         if may_mount:
             really_full(variant, truth)
     # Between two changes of the disk a kill leaves what one at the next change leaves, but for children and rows.

@@ -13,6 +13,7 @@
                          short  a write writes half, returns that, and all that follows fails; other calls as `full`
                          kill   SIGKILL of the program and of this process of it in its place
                          torn   a write writes half, then SIGKILL; other calls as `kill`
+                         SIGINT, SIGTERM, SIGHUP  that signal for the program just before it; nothing fails
    FAULTY_DISK_LOG       file to which each change adds a line: its number, the call, the path
 
    A change is: open for writing with O_CREAT, O_TRUNC or O_TMPFILE, fopen for writing, mkstemp and its kin, mkdir;
@@ -39,7 +40,7 @@
 #include "preloaded.h"
 
 enum { descriptors = 4096 };
-static enum { full, once, half, killed, torn, read_only } how;
+static enum { full, once, half, killed, torn, read_only, interrupted, terminated, hung_up } how;
 static long at;
 static atomic_long* count; /* of all processes of the program */
 static pid_t program;
@@ -56,8 +57,9 @@ __attribute__((constructor)) static void start(void) {
   const char* number = getenv("FAULTY_DISK_AT");
   at = number ? atol(number) : 0;
   const char* given = getenv("FAULTY_DISK_HOW");
-  static const char* const names[] = {"full", "once", "short", "kill", "torn", "read-only"};
-  for (int i = 0; given && i < 6; ++i)
+  static const char* const names[] = {"full",      "once",   "short",   "kill",  "torn",
+                                      "read-only", "SIGINT", "SIGTERM", "SIGHUP"};
+  for (int i = 0; given && i < (int)(sizeof names / sizeof *names); ++i)
     if (strcmp(given, names[i]) == 0) how = i;
   const char* file = getenv("FAULTY_DISK_LOG");
   if (!file) return;
@@ -87,6 +89,11 @@ static enum verdict change(const char* call, const char* path, bool is_write) {
   if (at == 0 || n < at) return go_on;
   if (n == at && is_write && (how == half || how == torn)) return write_half;
   if (n == at && (how == killed || how == torn)) die();
+  if (how >= interrupted) {
+    static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
+    if (n == at) getpid() == program ? raise(signals[how - interrupted]) : kill(program, signals[how - interrupted]);
+    return go_on;
+  }
   if (n > at && how == once) return go_on;
   errno = reason();
   return fail;

@@ -6,12 +6,13 @@
    FAULTY_MACHINE        what fails:
                          read         the N-th read of a file of the folder, with EIO
                          open         the N-th opening of a file of the folder, with EMFILE
+                         write        the N-th write to a file of the folder, with EIO
                          sync         the N-th fsync, fdatasync or syncfs, with EIO
                          memory       the N-th allocation after the beginning of main(), with a null pointer
                          interrupted  every second read, write and wait, at random, with EINTR
                          short        every read and write of more than a byte moves half of it
                          clock_back, clock_forth   from the N-th look on the wall clock is 30 days off
-   FAULTY_MACHINE_AT     N, from 1; 0 or absent: nothing of the first four fails
+   FAULTY_MACHINE_AT     N, from 1; 0 or absent: nothing of the first five fails
    FAULTY_MACHINE_FOLDER files below this folder count
    FAULTY_MACHINE_PROGRAMS  names of the programs concerned
    FAULTY_MACHINE_COUNT  file of 8 bytes that counts what may fail; the processes that a program forks count with it
@@ -32,9 +33,9 @@
 
 #include "preloaded.h"
 
-enum fault { none, reading, opening, syncing, memory, interrupted, short_moves, clock_back, clock_forth };
-static const char* const fault_names[] = {"",       "read",        "open",  "sync",       "memory",
-                                          "interrupted", "short", "clock_back", "clock_forth"};
+enum fault { none, reading, opening, writing, syncing, memory, interrupted, short_moves, clock_back, clock_forth };
+static const char* const fault_names[] = {"",       "read",        "open",  "write",      "sync",
+                                          "memory", "interrupted", "short", "clock_back", "clock_forth"};
 static enum fault fault;
 static long at;
 static atomic_long* count;
@@ -127,9 +128,10 @@ READ(pread, (int fd, void* data, size_t size, off_t from), fd, data, moved(size)
 READ(pread64, (int fd, void* data, size_t size, off64_t from), fd, data, moved(size), from)
 READ(readv, (int fd, const struct iovec* parts, int n), fd, parts, n)
 
-#define WRITE(name, declaration, ...)                              \
-  EXPORT ssize_t name declaration {                                \
-    return is_interrupted() ? -1 : (ssize_t)REAL(name)(__VA_ARGS__); \
+#define WRITE(name, declaration, ...)                                     \
+  EXPORT ssize_t name declaration {                                       \
+    if (is_interrupted() || fails_of(writing, #name, fd, EIO)) return -1; \
+    return REAL(name)(__VA_ARGS__);                                       \
   }
 WRITE(write, (int fd, const void* data, size_t size), fd, data, moved(size))
 WRITE(pwrite, (int fd, const void* data, size_t size, off_t to), fd, data, moved(size), to)

@@ -4,7 +4,7 @@ any of them in a folder of its own, and the judgement of what it left there.
 Options: --tribotwin, --hil, --report (may be left out where it is not built), --source, --shim; --all for the long
 form, --only WORD for the commands whose name holds it, --kills N for recover_test.py, --keep to leave the folder."""
 import argparse, collections, concurrent.futures, contextlib, dataclasses, json, logging, os, re, shutil, signal
-import sqlite3, subprocess, sys, threading, time
+import socket, sqlite3, subprocess, sys, threading, time
 
 import h5py
 import numpy as np
@@ -52,6 +52,9 @@ class Command:
     recording: bool = False  # what it recorded until it failed may stay: rows or lines that are right, not all of them
     slow: bool = False  # too long to be run hundreds of times
     stream: str = ""  # the value of its -o that may be a device or a pipe
+    added_to: tuple = ()  # inputs that it adds to
+    tells_master: bool = False  # what cannot be written, not its exit code
+    costly: bool = False  # its inputs take a minute to make: only in the long form, or where it is named
     masks: tuple = ("{in}/",)  # inputs in argv that no output may replace
 
     def argument_lists(self):
@@ -94,6 +97,14 @@ commands = [
             slow=True,
         ),
         Command(
+            "run --web",
+            ("tribotwin", "run", "{in}/scenario.yaml", "--web", "127.0.0.1:0", "-o", "out"),
+            ("out/",),
+            old=(("old_run", "out"),),
+            as_one=True,
+            recording=True,
+        ),
+        Command(
             "run, varied",
             ("tribotwin", "run", "{in}/varied.yaml", "-o", "out", "--threads", "1", "--retries", "0"),
             ("out/",),
@@ -108,10 +119,22 @@ commands = [
             stream="curve.csv",
         ),
         Command(
-            "lab", ("tribotwin", "lab", "{in}/campaign.yaml", "-o", "out", "--threads", "1"), ("out/",), resumable=True
+            "lab",
+            ("tribotwin", "lab", "{in}/campaign.yaml", "-o", "out", "--threads", "1"),
+            ("out/",),
+            resumable=True,
+            state=("out/failures.csv",),
         ),
         Command(
             "sweep", ("tribotwin", "sweep", "{in}/plan.yaml", "-o", "out", "--threads", "1"), ("out/",), resumable=True
+        ),
+        Command(
+            "sweep --run",
+            ("tribotwin", "sweep", "{in}/plan.yaml", "--run", "1", "-o", "out"),
+            ("out/",),
+            old=(("old_run", "out"),),
+            as_one=True,
+            recording=True,
         ),
         Command(
             "sweep --slurm",
@@ -225,6 +248,18 @@ commands = [
             stream="joint.xml",
         ),
         Command(
+            "export --native",
+            ("tribotwin", "export", "{in}/pendulum.xml", "--native", "-o", "native.xml"),
+            ("native.xml",),
+            stream="native.xml",
+        ),
+        Command(
+            "export --urdf",
+            ("tribotwin", "export", "{in}/pendulum.xml", "--urdf", "-o", "joints.urdf"),
+            ("joints.urdf",),
+            stream="joints.urdf",
+        ),
+        Command(
             "export --c",
             ("tribotwin", "export", "{in}/params.yaml", "--c", "joint.c", "--tau-max", "1", "--gear-ratio", "100"),
             ("joint.c",),
@@ -264,6 +299,31 @@ commands = [
             ("verdicts.txt",),
             stream="verdicts.txt",
         ),
+        Command(
+            "diagnose watch",
+            ("tribotwin", "diagnose", "watch", "{in}/healthy.yaml", "{in}/healthy.csv", "-o", "watched.txt"),
+            ("watched.txt",),
+            stream="watched.txt",
+        ),
+        Command(
+            "diagnose residuals",
+            ("tribotwin", "diagnose", "residuals", "{in}/predicted.csv", "--window", "0.1", "--learn", "8")
+            + ("-o", "residuals.txt"),
+            ("residuals.txt",),
+            stream="residuals.txt",
+        ),
+        Command(
+            "fleet check",
+            ("tribotwin", "fleet", "check", "{in}/fleet_later.csv", "-o", "learned.db", "--threads", "1"),
+            given=("learned.db",),
+            added_to=("learned.db",),
+        ),
+        Command(
+            "fleet watch",
+            ("tribotwin", "fleet", "watch", "{in}/fleet_later.csv", "-o", "learned.db", "--threads", "1"),
+            given=("learned.db",),
+            added_to=("learned.db",),
+        ),
         # Made or added to, never replaced: a folder to the rules above.
         Command(
             "fleet learn",
@@ -292,6 +352,18 @@ commands = [
             old=(("session.log", "session.log"), ("old_run", "out")),
             as_one=True,
             recording=True,
+        ),
+        Command(
+            "hil drive --store",
+            ("hil", "drive", "{in}/scenario.yaml", "--can", "socketcand://127.0.0.1:{port}/can0")
+            + ("--duration", "0.1", "--store", "store"),
+            ("store/",),
+            tells_master=True,
+        ),
+        Command(
+            "hil conform",
+            ("hil", "conform", "--can", "gateway://127.0.0.1:{drive}/can0", "--only", "nmt.start", "-o", "report.txt"),
+            ("report.txt",),
         ),
         Command(
             "hil replay",
@@ -329,6 +401,9 @@ commands = [
         ),
         Command("hil ros2", ("hil", "ros2", "{in}/scenario.yaml", "-o", "bus"), ("bus/",), old=(("old_bus", "bus"),)),
         Command("report", ("report", "{in}/run", "-o", "page.html"), ("page.html",), stream="page.html"),
+        Command("report of several", ("report", "{in}/run", "{in}/old_run", "-o", "several.html"), ("several.html",)),
+        Command("report days", ("report", "days", "{in}/days", "-o", "days.html"), ("days.html",), costly=True),
+        Command("report study", ("report", "study", "{in}/study", "-o", "study.html"), ("study.html",), costly=True),
         Command(
             "report --png",
             ("report", "fit", "{in}/params.yaml", "{in}/curves.csv", "--png", "-o", "fit.html"),
@@ -370,8 +445,7 @@ commands = [
     ]
     if programs[c.argv[0]]
 ]
-if options.only:
-    commands = [c for c in commands if options.only in c.name]
+commands = [c for c in commands if options.only in c.name and (nightly or options.only or not c.costly)]
 
 
 # ---- Running one of them.
@@ -434,7 +508,7 @@ def argv_of(command, over_old=False):
 def master_of(process, port):
     """The bench's own master (tests/hil/master.py) cycles the drive until its session is over."""
     import can
-    from master import Master
+    from master import Master, SdoAbort
 
     bus = None
     while bus is None and process.poll() is None:
@@ -445,6 +519,9 @@ def master_of(process, port):
     try:
         master = Master(bus, [1])
         master.nmt(1)
+        if "--store" in process.args:
+            with contextlib.suppress(SdoAbort):  # the drive says that it cannot
+                master.write(1, 0x1010, 1, "I", int.from_bytes(b"save", "little"))
         while process.poll() is None:
             master.cycle()
     except (can.CanError, OSError, AttributeError):  # it has gone; AttributeError: it was never there
@@ -454,11 +531,32 @@ def master_of(process, port):
             bus.shutdown()
 
 
+def drive_on(port):
+    """A drive that waits for a master there."""
+    bus = f"socketcand://127.0.0.1:{port}/can0"
+    drive = subprocess.Popen([programs["hil"], "drive", inputs + "/scenario.yaml", "--can", bus, "--quiet"], stderr=-3)
+    while drive.poll() is None:
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+            return drive
+        time.sleep(0.01)
+    return drive
+
+
+def end_behind(process, drive):
+    process.wait()
+    drive.terminate()
+    drive.wait()
+
+
 def start(argv, folder, **popen):
-    """A process, with a master beside it where it is a drive on a bus."""
-    port = free_ports(1)[0] if any("{port}" in a for a in argv) else None
-    process = subprocess.Popen([a.replace("{port}", str(port)) for a in argv], cwd=folder, **popen)
+    """A process, with a master beside it where it is a drive on a bus, and with a drive where it is a master."""
+    port, drive_port = (free_ports(1)[0] if any(p in a for a in argv) else None for p in ("{port}", "{drive}"))
+    drive = drive_on(drive_port) if drive_port else None
+    argv = [a.replace("{port}", str(port)).replace("{drive}", str(drive_port)) for a in argv]
+    process = subprocess.Popen(argv, cwd=folder, **popen)
     thread = threading.Thread(target=master_of, args=(process, port)) if port else None
+    if drive:
+        thread = threading.Thread(target=end_behind, args=(process, drive))
     if thread:
         thread.start()
     return process, thread
@@ -699,6 +797,10 @@ def wrong_part(name, data, truth, killed):
             if truth.startswith(data) and (killed or not data or data.endswith(b"\n"))
             else "does not hold the first lines"
         )
+    if os.path.basename(name) == "summary.json":
+        return "" if json.loads(data)["interrupted"] else "is not that of an undisturbed run"
+    if os.path.basename(name) == "stats.json":  # a session without a cycle has no latencies
+        return "" if set(json.loads(data)) <= set(json.loads(truth)) else "has other keys"
     if os.path.basename(name) == "calibration.json":
         return "" if json.loads(data)["complete"] is False else "is not that of an undisturbed run"
     return "is not whole"
@@ -731,7 +833,7 @@ def judge(command, outcome, truth, killed=False):
         elif now not in before.values() and not (command.state and name.startswith(command.state)):
             litter.append(name)
     for name, data in before.items():  # what it was given stays, under whatever name; an old result was not given
-        given = name.split("/")[0] in command.given and name not in command.out
+        given = name.split("/")[0] in command.given and name not in (*command.out, *command.added_to)
         if given and os.path.basename(name) != "run.lock" and not moved[data]:
             complaints.append(f"{name}, which it was given, is lost")
     for output in command.out if command.as_one else ():  # a folder is one result
@@ -793,6 +895,27 @@ variants:
     drive: {Fc0: {start: 0.02, low: 0.002, high: 0.06, sigma: 1, scale: logarithmic},
             Fcl: 0.3, Fs0: 0, Fsl: 0.1, vs: 100, alpha: 1.4, Fv: 3e-5}
 """
+DAYS = """model: SOURCE/mjcf/er3a_c60.xml
+procedure: working_days
+robots: 1
+days: 1
+duration_s: 530
+sensors: {encoder_increments_per_turn: 6.5e6, torque_noise_share: 0.01}
+excitation: {evaluations: 60, heating_s: 10}
+"""
+STUDY = """model: SOURCE/mjcf/br609.xml
+procedure: test_cycle
+level_noise_nm: 0.05
+joints: {joint3: {}}
+diagnosis: {learn: [healthy], check: [{series: load, state: thermal}], draws: 10}
+series:
+  - name: healthy
+    load: {by: payload, mass_kg: 0}
+    temperature: {prescribed_degC: {from: 25, to: 55, count: 8}}
+  - name: load
+    load: {by: payload, mass_kg: 2}
+    temperature: {prescribed_degC: 40}
+"""
 
 
 def write(name, text):
@@ -806,8 +929,8 @@ def write_table(name, header, *columns):
     )
 
 
-def made(program, *arguments):
-    r = subprocess.run([programs[program], *arguments], cwd=inputs, capture_output=True, text=True, timeout=120)
+def made(program, *arguments, timeout=120):
+    r = subprocess.run([programs[program], *arguments], cwd=inputs, capture_output=True, text=True, timeout=timeout)
     if r.returncode:
         sys.exit(f"an input cannot be made: {program} {arguments}: {r.returncode} {r.stderr}")
     return r.stdout
@@ -847,6 +970,8 @@ def make_inputs():
     if programs["hil"]:
         record_a_session()
         made("hil", "ros2", "scenario.yaml", "-o", "old_bus", "--cycle", "20")
+    if any(c.costly for c in commands):
+        make_campaigns()
 
 
 def write_models():
@@ -946,6 +1071,7 @@ def make_results():
     made("tribotwin", "diagnose", "learn", "healthy.csv", "-o", "healthy.yaml", "--quiet")
     made("tribotwin", "sweep", "plan.yaml", "-o", "swept", "--quiet")
     made("tribotwin", "fleet", "learn", "fleet.csv", "-o", "plant.db", "--quiet")
+    copy(inputs + "/plant.db", inputs + "/learned.db")
     made("tribotwin", "fleet", "check", "fleet_later.csv", "-o", "plant.db", "--quiet")
     made(
         "tribotwin",
@@ -978,6 +1104,12 @@ def make_results():
     )
     predict = ("predict", "pendulum.xml", "robot.yaml", "recorded.csv", "-o", "predicted.csv", "--json", "--quiet")
     write("predicted.json", made("tribotwin", *predict))
+
+
+def make_campaigns():
+    for name, text in (("days", DAYS), ("study", STUDY)):
+        write(name + ".yaml", text.replace("SOURCE", options.source))
+        made("tribotwin", "lab", name + ".yaml", "-o", name, "--quiet", timeout=600)
 
 
 def record_a_session():

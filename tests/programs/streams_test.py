@@ -157,6 +157,40 @@ def codes():
                 check(f"{name}, stdout is full: exit code 1", run_with(nobody, argv=argv, stdout=full).code == 1)
 
 
+# ---- Control characters in names of a user's files, which a terminal would obey.
+def control_characters():
+    name = "a\x1b]0;title\x07\x7f\rb"
+    in_table = name.replace("\r", "")
+    with open(inputs + "/pendulum.xml") as f:
+        model = f.read().replace("hinge", "".join(c if c.isalnum() else f"&#{ord(c)};" for c in name))
+    write("named.xml", model)
+    write("named.yaml", "model: named.xml\nduration_s: 0.1\n" + MOTION)
+    with open(inputs + "/fleet.csv") as f:
+        write("named.csv", f.read().replace("hinge", in_table))
+    tribotwin = programs["tribotwin"]
+    for argv, said in (
+        ([tribotwin, "run", "named.yaml", "-o", "named_run"], name),
+        ([tribotwin, "fleet", "learn", "named.csv", "-o", "named.db"], in_table),
+    ):
+        for more in ([], ["--json"], ["--color", "always"]):
+            shutil.rmtree(inputs + "/named_run", True)
+            r = subprocess.run([*argv, *more], cwd=inputs, capture_output=True)
+            out = r.stdout.decode()
+            title = " ".join(["control characters:", *argv[1:3], *more])
+            controls = re.findall("[\0-\x08\x0b-\x1f\x7f]", out)
+            check(title, r.returncode == 0 and not controls, (r.returncode, controls, r.stderr[-300:]))
+            if more == ["--json"]:
+                check(title + ", as they are", said in strings_in(json.loads(out)), out)
+            else:
+                check(title + ", shown", r"a\x1b]0;title\x07\x7f" in out, out[:300])
+
+
+def strings_in(value):
+    if isinstance(value, (dict, list)):
+        return {s for part in (value.values() if isinstance(value, dict) else value) for s in strings_in(part)}
+    return {value} if isinstance(value, str) else set()
+
+
 # ---- Slow and impatient readers.
 LONG = [
     programs["tribotwin"],
@@ -478,7 +512,7 @@ with open(inputs + "/worn.csv", "w") as f:  # twice the friction
 quick = [c for c in commands if not c.slow]
 in_parallel(streams, quick)
 if not options.only:
-    helps(), codes(), slow_readers(), more_inputs()
+    helps(), codes(), control_characters(), slow_readers(), more_inputs()
 if safe_devices:
     in_parallel(devices, [c for c in quick if c.stream])
 in_parallel(output_is_input, [c for c in quick if any(not o.endswith("/") for o in c.out) and not c.given])

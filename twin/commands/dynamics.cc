@@ -24,6 +24,7 @@
 #include <tribotwin/twin/identification/verdict/report.hpp>
 #include <tribotwin/twin/identification/verdict/torque_band.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/text.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/robot/arm.hpp>
@@ -828,7 +829,7 @@ Result<Exit> execute(const Arguments& a) {
   }
   const Report report{robot,        choice, *fit, consistency, consistent, judgement,
                       efficiencies, data,   lag,  left_out,    a.data};
-  return deliver(a.json ? json_of(report, motion.cutoff_hz).dump(2) + "\n" : text_of(report));
+  return deliver(a.json ? dump_json(json_of(report, motion.cutoff_hz), 2) + "\n" : text_of(report));
 }
 
 /// Friction, outliers, lags and coupled motors.

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <iterator>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@
 #include <tribotwin/twin/diagnosis/fleet/database/database.hpp>
 #include <tribotwin/twin/diagnosis/fleet/learning/learning.hpp>
 #include <tribotwin/twin/diagnosis/fleet/survey.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/numerics/executor/executor.hpp>
 #include <tribotwin/twin/numerics/executor/mpi.hpp>
@@ -99,13 +101,16 @@ Json json_of(const std::vector<Failed>& failures) {
   return all;
 }
 
+std::string text_of(const std::vector<Failed>& failures) {
+  std::vector<TaskFailure> all;
+  for (const auto& f : failures) all.push_back({all.size(), f.failure.attempts, f.failure.error});
+  return twin::text_of(all, [&](std::size_t i) { return failures[i].name; });
+}
+
 /// The end of a command whose results are delivered: exit code 1 names what failed.
 Result<Exit> end(Exit code, const std::vector<Failed>& failures) {
   if (failures.empty()) return code;
-  std::vector<TaskFailure> all;
-  for (const auto& f : failures) all.push_back({all.size(), f.failure.attempts, f.failure.error});
-  return report_error(failed, text_of(all, [&](std::size_t i) { return failures[i].name; }) +
-                                  "; all else is done and kept, and the same command tries again");
+  return report_error(failed, text_of(failures) + "; all else is done and kept, and the same command tries again");
 }
 
 std::vector<Failed> together(std::vector<Failed> one, std::vector<Failed> other) {
@@ -122,8 +127,17 @@ Result<Exit> learn(const Arguments& a) {
   if (const auto ok = join_ranks(); !ok) return tl::unexpected(ok.error());
   const auto store = opened(a);
   const Imported data = imported(store.get(), a);
-  const Learned learned = learn_fleet(store.get(), {.threads = a.threads, .retries = a.retries});
+  const Learned learned = [&] {
+    try {
+      return learn_fleet(store.get(), {.threads = a.threads, .retries = a.retries});
+    } catch (const InputError& lacking) {  // what it lacks may be what failed
+      if (data.failed.empty()) throw;
+      throw std::runtime_error(
+          fmt::format("{}; without what failed: {}", text_of(failed_of("fit", data.failed)), lacking.what()));
+    }
+  }();
   if (!store) return done;
+  if (interrupted()) return work_failed("interrupted; the store is as before");
   store->commit();
   const auto failures = together(failed_of("fit", data.failed), failed_of(learned.failed));
   Json j{{"files", Json::array({without_password(a.store)})},
@@ -231,6 +245,7 @@ Result<Exit> survey(const Arguments& a, bool check) {
   const Imported data = imported(store.get(), a);
   const Survey s = check ? check_fleet(store.get(), a.survey) : watch_fleet(store.get(), a.survey);
   if (!store) return done;
+  if (interrupted()) return work_failed("interrupted; the store is as before");
   store->commit();
   const std::string sentence = sentence_of(s, a.survey, check);
   const auto failures = together(failed_of("fit", data.failed), failed_of("judgement", s.failed));
@@ -255,6 +270,7 @@ void prepare(Arguments& a) {
   a.import.retries = a.survey.retries = a.retries;
   a.survey.load_sensitivity = a.import.load_sensitivity;
   a.import.read.columns = a.columns;
+  catch_interrupts();  // the store goes back to what it was, and its journal goes with it
   for (const auto& data : a.data)
     if (is_same_file(data, a.store)) throw InputError(fmt::format("{}: is the store itself, not DATA", data));
   if (a.date.empty()) return;

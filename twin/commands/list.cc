@@ -141,18 +141,17 @@ struct Arguments {
 /// Names are bold with `colour`.
 std::string table(const Json& rows, bool colour) {
   TextTable table{{TextTable::left(), TextTable::left()}};
-  for (const auto& row : rows)
-    table.add({fmt::format("{}{}{}", colour ? "\033[1m" : "", row["name"].get_ref<const std::string&>(),
-                           colour ? "\033[0m" : ""),
-               row["description"].get<std::string>()});
+  for (const auto& row : rows) {
+    const auto& name = row["name"].get_ref<const std::string&>();
+    table.add({colour ? bold(name, Stream::output) : name, row["description"].get<std::string>()});
+  }
   return table.text();
 }
 
 Result<Exit> list(const Kind& kind, const Arguments& a) {
   const Json rows = kind.rows();
   if (rows.empty()) return work_failed(fmt::format("the {} are not where they were built or installed", kind.name));
-  return deliver(a.json ? dump_json(rows, 2) + "\n" : table(rows, !a.output.named() && coloured(Stream::output)),
-                 a.output);
+  return deliver(a.json ? dump_json(rows, 2) + "\n" : table(rows, !a.output.named()), a.output);
 }
 
 }  // namespace

@@ -202,6 +202,7 @@ NewFile::NewFile(NewFile&& other) noexcept { *this = std::move(other); }
 NewFile& NewFile::operator=(NewFile&& other) noexcept {
   std::swap(file_, other.file_);
   std::swap(partial_, other.partial_);
+  std::swap(temporary_, other.temporary_);
   std::swap(existing_, other.existing_);
   std::swap(descriptor_, other.descriptor_);
   return *this;
@@ -222,6 +223,7 @@ Result<NewFile> NewFile::create(const fs::path& file, Existing existing) {
   fresh.file_ = behind_links(file);
   fresh.existing_ = existing;
   const fs::path partial = partial_of(fresh.file_);
+  fresh.temporary_ = Temporary(partial);
   fresh.descriptor_ = Descriptor(::open(partial.c_str(), O_CREAT | O_EXCL | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666));
   if (fresh.descriptor_ < 0) return not_written(file, errno, kind_of(errno));
   fresh.partial_ = partial;
@@ -241,6 +243,7 @@ Status NewFile::rename_only() {
   if (error == EEXIST) return exists_already(file_);
   if (error != 0) return not_written(file_, error);
   partial_.clear();
+  temporary_ = {};
   return {};
 }
 
@@ -274,7 +277,9 @@ Status sync_folder(const fs::path& folder) {
 TemporaryFolder::TemporaryFolder(std::string_view name) {
   std::error_code error;
   std::string pattern = (fs::temp_directory_path(error) / fmt::format("{}-XXXXXX", name)).string();
-  if (!error && ::mkdtemp(pattern.data())) path_ = pattern;
+  if (error || !::mkdtemp(pattern.data())) return;
+  path_ = pattern;
+  temporary_ = Temporary(path_);
 }
 
 TemporaryFolder::~TemporaryFolder() {

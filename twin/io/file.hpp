@@ -8,6 +8,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 
 struct stat;
 
@@ -45,7 +46,7 @@ class NewFile {
   static Result<NewFile> create(const std::filesystem::path& file, Existing existing);
   NewFile(NewFile&& other) noexcept;
   NewFile& operator=(NewFile&& other) noexcept;
-  ~NewFile();  ///< without publish(): nothing is left
+  ~NewFile();  ///< without publish(): nothing is left; nor after a signal that ends the program
 
   /// Its name until it is published: ".NAME.partial-XXXXXXXX" in the same folder.
   const std::filesystem::path& partial() const { return partial_; }
@@ -64,6 +65,7 @@ class NewFile {
   Result<void> rename_to_final();
 
   std::filesystem::path file_, partial_;
+  Temporary temporary_;
   Existing existing_ = Existing::refuse;
   Descriptor descriptor_;
 };
@@ -88,7 +90,7 @@ std::filesystem::path free_name(const std::filesystem::path& name);
 /// Forces a folder's entries to disk, where the file system can do that for folders.
 Result<void> sync_folder(const std::filesystem::path& folder);
 
-/// A new folder below the system's temporary one, "NAME-XXXXXX"; it is removed with what is in it.
+/// A new folder below the system's temporary one, "NAME-XXXXXX"; it is removed with what is in it, also by a signal.
 class TemporaryFolder {
  public:
   explicit TemporaryFolder(std::string_view name);
@@ -99,6 +101,7 @@ class TemporaryFolder {
 
  private:
   std::filesystem::path path_;
+  Temporary temporary_;
 };
 
 }  // namespace tribotwin::twin

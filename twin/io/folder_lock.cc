@@ -15,6 +15,7 @@ FolderLock::~FolderLock() { release(); }
 
 void FolderLock::release() {
   if (file_ < 0) return;
+  temporary_ = {};  // first: another process may take the name when it is free
   ::unlink(path_.c_str());
   file_.close();
 }
@@ -31,7 +32,10 @@ Result<void> FolderLock::take(const std::filesystem::path& directory) {
     }
     struct stat mine {
     }, there{};
-    if (::fstat(file_, &mine) == 0 && ::stat(path_.c_str(), &there) == 0 && mine.st_ino == there.st_ino) return {};
+    if (::fstat(file_, &mine) == 0 && ::stat(path_.c_str(), &there) == 0 && mine.st_ino == there.st_ino) {
+      temporary_ = Temporary(path_);
+      return {};
+    }
     file_.close();  // its holder took the file away in between
   }
 }

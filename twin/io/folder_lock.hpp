@@ -5,11 +5,12 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 
 namespace tribotwin::twin {
 
-/// Keeps a second process out of a folder that a command writes into, by a lock on the file run.lock. A killed process
-/// leaves the file but not the lock.
+/// Keeps a second process out of a folder that a command writes into, by a lock on the file run.lock. A process that
+/// was ended by kill -9 leaves the file but not the lock.
 class FolderLock {
  public:
   FolderLock() = default;
@@ -22,6 +23,7 @@ class FolderLock {
 
  private:
   std::filesystem::path path_;
+  Temporary temporary_;
   Descriptor file_;
 };
 

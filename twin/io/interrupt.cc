@@ -1,6 +1,11 @@
+#include <array>
 #include <cerrno>
+#include <climits>
 #include <csignal>
+#include <cstdint>
+#include <cstdlib>
 #include <cstring>
+#include <string_view>
 #include <utility>
 
 #include <fcntl.h>
@@ -8,7 +13,9 @@
 #include <linux/magic.h>
 #include <poll.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <sys/vfs.h>
+#include <unistd.h>
 
 #include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/output.hpp>
@@ -19,26 +26,107 @@ namespace {
 std::atomic<bool> flag{false};
 static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler writes it");
 
+/// Names where a signal handler finds them. `owner`: the process whose name it is; 0: nobody's.
+struct Slot {
+  std::atomic<pid_t> owner{0};
+  char name[PATH_MAX];
+};
+constexpr pid_t being_written = -1;
+std::array<Slot, 256> temporaries;
+static_assert(std::atomic<pid_t>::is_always_lock_free, "a signal handler reads it");
+
+/// A file, or a folder with all that is in it; only by calls that a signal handler may make.
+void remove_all(int folder, const char* name) {
+  if (::unlinkat(folder, name, 0) == 0 || errno != EISDIR) return;
+  const int fd = ::openat(folder, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+  if (fd < 0) return;
+  constexpr std::size_t name_at = 19, length_at = 16;  // in linux_dirent64
+  alignas(std::uint64_t) char entries[2048];
+  for (long got; (got = ::syscall(SYS_getdents64, fd, entries, sizeof entries)) > 0;)
+    for (long at = 0; at < got;) {
+      const char* const entry = entries + at;
+      const std::string_view found = entry + name_at;
+      if (found != "." && found != "..") remove_all(fd, found.data());
+      std::uint16_t length = 0;
+      std::memcpy(&length, entry + length_at, sizeof length);
+      at += length;
+    }
+  ::close(fd);
+  ::unlinkat(folder, name, AT_REMOVEDIR);
+}
+
+/// Ends the program by the signal, as if nothing had caught it: when this handler returns, it arrives.
+void end_by(int signal) {
+  const int error = errno;
+  remove_temporaries();
+  ::signal(signal, SIG_DFL);
+  ::raise(signal);
+  errno = error;
+}
+
+void handle(int signal, void (*handler)(int)) {
+  struct sigaction action {};
+  action.sa_handler = handler;  // without SA_RESTART
+  ::sigaction(signal, &action, nullptr);
+}
+
+bool is_ignored(int signal) {  // as by nohup
+  struct sigaction now {};
+  return ::sigaction(signal, nullptr, &now) == 0 && now.sa_handler == SIG_IGN;
+}
+
 }  // namespace
 
-void catch_interrupts() {
-  struct sigaction action {};
-  action.sa_handler = [](int) { flag = true; };
-  action.sa_flags = static_cast<int>(SA_RESETHAND);  // and not SA_RESTART
-  struct sigaction before {};
+Temporary::Temporary(const std::filesystem::path& name) {
+  const std::string& text = name.native();
+  if (text.size() >= PATH_MAX) return;
+  for (std::size_t i = 0; i < temporaries.size(); ++i) {
+    pid_t nobody = 0;
+    if (!temporaries[i].owner.compare_exchange_strong(nobody, being_written)) continue;
+    text.copy(temporaries[i].name, text.size());
+    temporaries[i].name[text.size()] = 0;
+    temporaries[i].owner = ::getpid();
+    slot_ = static_cast<int>(i);
+    return;
+  }
+}
+
+Temporary::Temporary(Temporary&& other) noexcept : slot_(std::exchange(other.slot_, -1)) {}
+
+Temporary& Temporary::operator=(Temporary&& other) noexcept {
+  std::swap(slot_, other.slot_);
+  return *this;
+}
+
+Temporary::~Temporary() {
+  if (slot_ >= 0) temporaries[static_cast<std::size_t>(slot_)].owner = 0;
+}
+
+void remove_temporaries() {
+  const pid_t self = ::getpid();
+  for (const Slot& slot : temporaries)
+    if (slot.owner == self) remove_all(AT_FDCWD, slot.name);
+}
+
+void remove_temporaries_at_end() {
   for (const int signal : {SIGINT, SIGTERM, SIGHUP})
-    if (signal != SIGHUP || (::sigaction(signal, nullptr, &before) == 0 && before.sa_handler != SIG_IGN))  // nohup
-      ::sigaction(signal, &action, nullptr);
+    if (!is_ignored(signal)) handle(signal, end_by);
+  std::at_quick_exit(remove_temporaries);
+}
+
+void catch_interrupts() {
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
+    if (signal != SIGHUP || !is_ignored(signal))
+      handle(signal, [](int first) {
+        flag = true;
+        handle(first, end_by);
+      });
 }
 
 void obey_parent_only() {
-  struct sigaction action {};
-  action.sa_handler = [](int) { flag = true; };
-  ::sigaction(SIGUSR1, &action, nullptr);
-  action.sa_handler = SIG_DFL;
-  ::sigaction(SIGTERM, &action, nullptr);
-  action.sa_handler = SIG_IGN;
-  for (const int signal : {SIGINT, SIGHUP}) ::sigaction(signal, &action, nullptr);
+  handle(SIGUSR1, [](int) { flag = true; });
+  handle(SIGTERM, end_by);
+  for (const int signal : {SIGINT, SIGHUP}) handle(signal, SIG_IGN);
 }
 
 std::atomic<bool>& interrupted() { return flag; }

@@ -11,6 +11,31 @@
 
 namespace tribotwin::twin {
 
+/// A name that must not outlive the program. A file or folder of that name, with all that is in it, is removed where
+/// the program ends before this object does: by SIGINT, SIGTERM or SIGHUP, by std::quick_exit or an exception that
+/// nothing catches; not by kill -9 or a crash. Removing it otherwise is its owner's task. Of one process: its children
+/// remove nothing. Threads may have temporaries at the same time, 256 in all; more than that, and names of PATH_MAX
+/// bytes, are not removed.
+class Temporary {
+ public:
+  Temporary() = default;
+  /// The name may be that of nothing yet. A relative one is relative to the folder in which the program ends.
+  explicit Temporary(const std::filesystem::path& name);
+  Temporary(Temporary&& other) noexcept;
+  Temporary& operator=(Temporary&& other) noexcept;
+  ~Temporary();
+
+ private:
+  int slot_ = -1;
+};
+
+/// From now on SIGINT, SIGTERM and SIGHUP, where they are not ignored, and std::quick_exit remove what is temporary
+/// before they end the program.
+void remove_temporaries_at_end();
+
+/// The same at once, before an end that does not do it.
+void remove_temporaries();
+
 /// Installs handlers for SIGINT, SIGTERM and SIGHUP: the first signal sets interrupted(), a second one terminates the
 /// program. Blocking system calls return EINTR. Before this call they terminate the program.
 void catch_interrupts();

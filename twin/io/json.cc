@@ -39,12 +39,20 @@ Json parsed(const std::string& text) {
 nlohmann::json parse_json(const std::string& text) { return parsed<nlohmann::json>(text); }
 nlohmann::ordered_json parse_ordered_json(const std::string& text) { return parsed<nlohmann::ordered_json>(text); }
 
-std::string dump_json(const nlohmann::json& value, int indent) {
-  return value.dump(indent, ' ', false, nlohmann::json::error_handler_t::replace);
+namespace {
+
+/// As the library writes it, and DEL escaped like all other control characters: only texts have any.
+template <class Json>
+std::string dump(const Json& value, int indent) {
+  std::string text = value.dump(indent, ' ', false, Json::error_handler_t::replace);
+  for (std::size_t at = 0; (at = text.find('\x7f', at)) != text.npos;) text.replace(at, 1, "\\u007f");
+  return text;
 }
-std::string dump_json(const nlohmann::ordered_json& value, int indent) {
-  return value.dump(indent, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
-}
+
+}  // namespace
+
+std::string dump_json(const nlohmann::json& value, int indent) { return dump(value, indent); }
+std::string dump_json(const nlohmann::ordered_json& value, int indent) { return dump(value, indent); }
 
 std::string files_json(std::span<const std::string> files) {
   nlohmann::ordered_json json{{"files", nlohmann::ordered_json::array()}};

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <csignal>
@@ -12,6 +13,7 @@
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 #include <tribotwin/twin/io/output.hpp>
 
 namespace tribotwin::twin {
@@ -27,12 +29,27 @@ std::chrono::steady_clock::time_point progress_begun;  // of the latest; one job
 /// The first steps of a job say little about the others: until then no time left is shown.
 constexpr std::chrono::seconds settled_after{3};
 
-constexpr std::string_view red = "\033[1;31m", yellow = "\033[1;33m", cyan = "\033[1;36m", plain = "\033[0m";
+constexpr std::string_view red = "\033[1;31m", yellow = "\033[1;33m", cyan = "\033[1;36m", thick = "\033[1m",
+                           plain = "\033[0m";
 
 /// `text` with its beginning of `length` in a colour, where messages are coloured.
 std::string message(std::string_view text, std::size_t length, std::string_view colour) {
   if (!coloured(Stream::messages)) return std::string(text);
   return fmt::format("{}{}{}{}", colour, text.substr(0, length), plain, text.substr(length));
+}
+
+/// Without control characters but those of bold(), where the output is coloured.
+std::string shown(std::string_view text) {
+  std::string out;
+  while (coloured(Stream::output) && !text.empty()) {
+    const auto begin = std::min(text.find(thick), text.find(plain));
+    out += without_controls(std::string(text.substr(0, begin)));
+    if (begin == text.npos) return out;
+    const std::string_view ours = text.substr(begin).starts_with(thick) ? thick : plain;
+    out += ours;
+    text.remove_prefix(begin + ours.size());
+  }
+  return out + without_controls(std::string(text));
 }
 
 /// What comes next begins a line of its own.
@@ -54,6 +71,7 @@ void erase_progress() {
   for (const std::string_view text :
        {std::string_view(program_invocation_short_name), std::string_view(": "), why, std::string_view("\n")})
     (void)write_all(STDERR_FILENO, text);
+  remove_temporaries();
   if (!no_memory) std::abort();  // with what a debugger can read
   std::_Exit(failed);
 }
@@ -62,6 +80,7 @@ void erase_progress() {
 
 void prepare_streams() {
   std::set_terminate(give_up);
+  remove_temporaries_at_end();
   for (const int signal : {SIGPIPE, SIGXFSZ}) std::signal(signal, SIG_IGN);
   std::signal(SIGCHLD, SIG_DFL);
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
@@ -74,7 +93,11 @@ const std::string& held_error() { return last_error; }
 void print_text(std::string_view text) {
   if (held_back) return;
   erase_progress();
-  if (stdout_error == 0) stdout_error = write_all(STDOUT_FILENO, text);
+  if (stdout_error == 0) stdout_error = write_all(STDOUT_FILENO, shown(text));
+}
+
+std::string bold(std::string_view text, Stream stream) {
+  return coloured(stream) ? fmt::format("{}{}{}", thick, text, plain) : std::string(text);
 }
 
 void choose_colour(int argc, const char* const* argv) {

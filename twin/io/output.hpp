@@ -13,13 +13,14 @@ namespace tribotwin::twin {
 enum Exit { done = 0, failed = 1, wrong_input = 2, limit_exceeded = 3 };
 
 /// First call of every main(). Writing to a closed pipe or beyond a file size limit becomes an error instead of a
-/// signal. Child processes can be waited for, also where the caller ignores SIGCHLD. A standard stream that was closed
-/// is replaced by one that fails, so that no opened file gets its number.
+/// signal. A signal that ends the program removes what is temporary (interrupt.hpp). Child processes can be waited for,
+/// also where the caller ignores SIGCHLD. A standard stream that was closed is replaced by one that fails, so that no
+/// opened file gets its number.
 void prepare_streams();
 
-/// Text to stdout (results only) and to stderr (everything else), whole, also into a pipe that is slow. "note:" and
-/// "warning:" at the beginning of a message are coloured where the stream is; control characters behind them are shown
-/// as \\xNN.
+/// Text to stdout (results only) and to stderr (everything else), whole, also into a pipe that is slow. Control
+/// characters but newline and tab are shown as \\xNN: names come from files of users, and a terminal would obey them.
+/// In messages that is so behind "note:" and "warning:" at their beginning, which are coloured where the stream is.
 void print_text(std::string_view text);
 void report_text(std::string_view text);
 
@@ -28,6 +29,8 @@ void report_text(std::string_view text);
 void choose_colour(int argc, const char* const* argv);
 enum class Stream { output, messages };
 bool coloured(Stream stream);
+/// The text, bold where that stream is coloured.
+std::string bold(std::string_view text, Stream stream);
 
 /// A part of the result, to stdout.
 template <class... Arguments>

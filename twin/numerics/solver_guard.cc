@@ -14,7 +14,7 @@ const char* name_of_program = "";
 __attribute__((noreturn)) void give_up() {
   report_error(name_of_program, failed,
                "the solver met numbers that it cannot use; check the data for values that no joint can have");
-  std::_Exit(failed);
+  std::quick_exit(failed);
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 #include <array>
 #include <exception>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -10,6 +11,7 @@
 #include <tribotwin/twin/diagnosis/fleet/divided.hpp>
 #include <tribotwin/twin/diagnosis/patterns.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
 namespace {
@@ -130,7 +132,8 @@ void divide(const ChunkWork& w, unsigned threads, int retries) {
                    .failed = [&](const TaskFailure& failure) { chunks->failed(failure); },
                    .input = [&](std::size_t task) { return chunks->input(task); },
                    .grown = [&] { return chunks->tasks(); }};
-  or_throw(carry_out(list, {.threads = threads, .retries = retries}));
+  if (or_throw(carry_out(list, {.threads = threads, .retries = retries, .stop = &interrupted()})).stopped)
+    throw std::runtime_error("interrupted; the store is as before");
   or_throw(ranks().on_root([&]() -> Result<void> {
     chunks->rethrow();
     return {};

@@ -23,7 +23,7 @@ struct ChunkWork {
 };
 /// Collective. Items are done by the batch, in processes that are forked once for all chunks. Of a batch that failed (a
 /// crash, an exception) each item is done again in a task of its own, with `retries` further attempts of both: what
-/// fails then has failed for good, alone. Throws InputError or std::runtime_error.
+/// fails then has failed for good, alone. Throws InputError or std::runtime_error, the latter also when interrupted().
 void divide(const ChunkWork& work, unsigned threads, int retries);
 /// "INPUT: MESSAGE (2 attempts)"
 std::string failure_text(const std::string& input, const TaskFailure& failure);

@@ -57,7 +57,7 @@ void ColumnReader::Made::add(const std::string& name, std::uintmax_t file_bytes)
 
 ColumnReader::Made::Part ColumnReader::Made::part(std::size_t column, std::size_t from, std::size_t count) const {
   const hsize_t start = from, size = count;
-  require_stored(file, sets[column], start, size);
+  require_stored(file, true, sets[column], start, size);
   Part out{.memory = Id(H5Screate_simple(1, &size, nullptr), H5Sclose),
            .file = Id(H5Dget_space(sets[column]), H5Sclose)};
   check(H5Sselect_hyperslab(out.file, H5S_SELECT_SET, &start, nullptr, &size, nullptr));

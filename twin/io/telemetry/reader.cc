@@ -78,13 +78,34 @@ void check_storage(hid_t dataset, hid_t properties, std::size_t value_bytes, Tex
     throw Failure(fmt::format("has chunks of {} rows; at most {} bytes are read", rows, limits::hdf5_chunk_bytes));
 }
 
-/// Whether the chunk that holds row `row` lies within the file.
-bool chunk_is_there(const fs::path& path, hid_t dataset, hsize_t row) {
-  unsigned filters = 0;
-  haddr_t address = HADDR_UNDEF;
+/// Whether the chunk that begins at row `row` lies within the file. HDF5 reads nothing behind the end of a file that it
+/// opens plainly. Of one that is being written, or was when its writer was killed, it reads zeros there: a chunk under
+/// a checksum with anything else in it lies within the file if it can be read. Only of the others the address is asked
+/// for: HDF5 1.10 looks for it among all chunks.
+bool chunk_is_there(const fs::path& path, bool plain, hid_t dataset, bool checksums, hsize_t row) {
   hsize_t bytes = 0;
+  check(H5Dget_chunk_storage_size(dataset, &row, &bytes));
+  if (bytes == 0 || plain) return bytes > 0;
+  unsigned filters = 0;
+  if (checksums && bytes <= limits::hdf5_chunk_bytes) {
+    std::vector<char> raw(bytes);
+    check(H5Dread_chunk(dataset, H5P_DEFAULT, &row, &filters, raw.data()));
+    if (std::ranges::any_of(raw, [](char c) { return c != 0; })) return true;
+  }
+  haddr_t address = HADDR_UNDEF;
   check(H5Dget_chunk_info_by_coord(dataset, &row, &filters, &address, &bytes));
   return address != HADDR_UNDEF && address + bytes <= fs::file_size(path);
+}
+
+bool has_checksums(hid_t properties) {
+  for (int i = 0; i < H5Pget_nfilters(properties); ++i) {
+    unsigned flags = 0;
+    std::size_t values = 0;
+    if (H5Pget_filter2(properties, static_cast<unsigned>(i), &flags, &values, nullptr, 0, nullptr, nullptr) ==
+        H5Z_FILTER_FLETCHER32)
+      return true;
+  }
+  return false;
 }
 
 }  // namespace
@@ -108,7 +129,7 @@ std::pair<Id, hsize_t> open_column(hid_t parent, const std::string& name, std::u
   }
 }
 
-void require_stored(const fs::path& path, hid_t dataset, hsize_t from, hsize_t count) {
+void require_stored(const fs::path& path, bool plain, hid_t dataset, hsize_t from, hsize_t count) {
   const Id properties(H5Dget_create_plist(dataset), H5Pclose);
   const auto cut = [&](hsize_t row) {
     return Failure(fmt::format("it is damaged: rows from {} on are not in the file", row));
@@ -117,8 +138,9 @@ void require_stored(const fs::path& path, hid_t dataset, hsize_t from, hsize_t c
     case H5D_CHUNKED: {
       hsize_t rows = 0;
       check(H5Pget_chunk(properties, 1, &rows));
+      const bool checksums = has_checksums(properties);
       for (hsize_t row = from - from % rows; row < from + count; row += rows)
-        if (!chunk_is_there(path, dataset, row)) throw cut(row);
+        if (!chunk_is_there(path, plain, dataset, checksums, row)) throw cut(row);
       break;
     }
     case H5D_CONTIGUOUS: {
@@ -211,7 +233,7 @@ Reader open_record(const fs::path& path) {
 void read_rows(const Reader& reader, hid_t dataset, hsize_t from, std::span<double> values) {
   const hsize_t count = values.size();
   if (count == 0) return;
-  require_stored(reader.path, dataset, from, count);
+  require_stored(reader.path, reader.plain, dataset, from, count);
   const Id in_file(H5Dget_space(dataset), H5Sclose), in_memory(H5Screate_simple(1, &count, nullptr), H5Sclose);
   check(H5Sselect_hyperslab(in_file, H5S_SELECT_SET, &from, nullptr, &count, nullptr));
   if (H5Dread(dataset, H5T_NATIVE_DOUBLE, in_memory, in_file, H5P_DEFAULT, values.data()) < 0)
@@ -279,7 +301,7 @@ Result<Recording> read_telemetry(const std::filesystem::path& path) {
     Reader r = open_record(path);
     const auto load = [&](const Columns& columns, std::vector<double>& time_s, auto& values) {
       const auto column = [&](const Id& dataset) {
-        require_stored(r.path, dataset, 0, columns.rows);  // before memory for them is taken
+        require_stored(r.path, r.plain, dataset, 0, columns.rows);  // before memory for them is taken
         std::vector<double> data(columns.rows);
         read_rows(r, dataset, 0, data);
         return data;

@@ -42,8 +42,8 @@ enum class Texts { refuse, accept };
 std::pair<Id, hsize_t> open_column(hid_t parent, const std::string& name, std::uintmax_t file_bytes, Texts texts);
 
 /// Throws Failure where a part of these rows is missing from the file at `path`: HDF5 itself reads what lies beyond the
-/// end of a file as zeros.
-void require_stored(const fs::path& path, hid_t dataset, hsize_t from, hsize_t count);
+/// end of a file as zeros. `plain`: as of Reader. Damage within the rows is left to reading them.
+void require_stored(const fs::path& path, bool plain, hid_t dataset, hsize_t from, hsize_t count);
 
 /// Throws Failure. Does not follow links to other files, nor storage in other files.
 Reader open_record(const fs::path& path);

@@ -11,6 +11,7 @@
 #include <tribotwin/plugins/friction/limits.hpp>
 #include <tribotwin/twin/diagnosis/fleet/database/database.hpp>
 #include <tribotwin/twin/io/input.hpp>
+#include <tribotwin/twin/io/interrupt.hpp>
 
 namespace tribotwin::twin::diagnosis::fleet {
 namespace {
@@ -116,6 +117,7 @@ class Sqlite : public Database {
       : file_(file), was_there_(std::filesystem::exists(file)) {
     if (was_there_ && !std::filesystem::is_regular_file(file))
       throw InputError(fmt::format("{}: is no regular file; -o names the fleet's store", file.string()));
+    if (!was_there_) new_ = Temporary(file_), new_journal_ = Temporary(file_.string() + "-journal");
     db_ = opened(file);
     try {
       begin(schema);
@@ -131,6 +133,7 @@ class Sqlite : public Database {
   void commit() override {
     execute("COMMIT");
     committed_ = true;
+    new_ = {}, new_journal_ = {};
   }
   void add_column(const std::string& table, const std::string& column) override {
     auto& known = statement("SELECT count(*) FROM pragma_table_info($1) WHERE name = $2")(table, column);
@@ -180,6 +183,7 @@ class Sqlite : public Database {
   const std::filesystem::path file_;
   const bool was_there_;
   bool committed_ = false;
+  Temporary new_, new_journal_;  // until it is committed
   std::unique_ptr<sqlite3, Close> db_;
 };
 
