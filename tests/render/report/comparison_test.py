@@ -351,6 +351,11 @@ def pair(value):
     return [value(summaries[folder]) for folder in ("healthy", "worn")]
 
 
+def cycle_power_W(folder, joint):
+    with h5py.File(path(folder + "/telemetry.h5")) as f:
+        return np.mean(f[joint + "/cycle_friction_power_W"][:])
+
+
 whole = content("both.html")
 main = whole[whole.index("<main>") : whole.index("</main>")]
 compared, *sections = re.split(r"(?=<h2>(?:healthy|worn)</h2>)", main)
@@ -392,6 +397,7 @@ def row(name, digits, values, unit=""):
 row("simulated", ".1f", pair(lambda s: s["simulated_s"]), "s")
 for j in (1, 2):
     row(f"joint{j + 1}: friction, RMS", ".4g", pair(lambda s: s["joints"][j]["friction_nm"]["rms"]), "Nm")
+    row(f"joint{j + 1}: friction power", ".4g", [cycle_power_W(f, f"joint{j + 1}") for f in ("healthy", "worn")], "W")
     row(f"joint{j + 1}: maximum temperature", ".2f", pair(lambda s: s["joints"][j]["temperature_degC"]["max"]), "°C")
 row("friction work", ".5g", pair(lambda s: s["friction_work_J"] / 1e3), "kJ")
 row("motor work", ".5g", pair(lambda s: s["motor_work_J"] / 1e3), "kJ")
