@@ -187,6 +187,8 @@ check(
 )
 
 browser.check_page("warm-up", path("one.html"), 3, 9)
+opens_s = browser.opens_in_s(path("one.html"))  # wanted: 1 s, which other work on the machine may take away
+check("the warm-up's page opens in a second, or in 5 s beside other work", 0 < opens_s < 5, opens_s, f"({opens_s:.2f} s)")
 pages = browser.printed(path("one.html"), path("one.pdf"))
 check("the warm-up is printed on at most six pages", 1 <= pages <= 6, pages)
 check("the warm-up's page is below 3 MB", os.path.getsize(path("one.html")) < 3e6, os.path.getsize(path("one.html")))
