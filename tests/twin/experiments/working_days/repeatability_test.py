@@ -170,6 +170,13 @@ if report:
         said,
     )
     days_numbers.hold(page, check, f"{work}/days", source, "mjcf/er3a_c60.xml")
+    # Two robots over three days: a day after a change is compared with those before it, of this robot alone.
+    plant = ("robots=2", "days=3", "faults.0.robot=2")
+    r = run("lab", "days.yaml", "-o", "plant", "--quiet", *(word for s in plant for word in ("--set", s)))
+    check("two robots over three days", r.returncode == 0, r.stderr)
+    r = run("days", "plant", "--quiet", which=report)
+    check("their page", r.returncode == 0, r.stderr)
+    days_numbers.hold(open(f"{work}/plant/report.html").read(), check, f"{work}/plant", source, "mjcf/er3a_c60.xml")
     campaign = open(f"{work}/days/campaign.yaml").read()
     with open(f"{work}/days/campaign.yaml", "w") as f:
         f.write(re.sub(r"^# MuJoCo [^,]*,", "# MuJoCo 1.9.9,", campaign))
