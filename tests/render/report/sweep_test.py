@@ -223,6 +223,24 @@ check(
     "grid: total Sobol' index, no interval",
     m and "total Sobol' index" in m["text"] and "Each cell is one run" in m["text"],
 )
+sweep_numbers.hold_grid(
+    content("runs/grid/report.html"), check, path("runs/grid"), "runs/grid", {"heat": ("heat", "J")}
+)
+write(
+    "plane.yaml",
+    "scenario: scenario.yaml\nset: {duration_s: 1}\nfactors:\n  drives.hinge.Fc0: [0.02, 0.03, 0.04, 0.05]\n"
+    "  motion.speed_rad_s: [1, 1.5, 2]\ndesign: {type: grid}\noutputs: [heat_J, max_abs(hinge.friction_nm)]\n"
+    "bands: {telemetry: [hinge.friction_nm], times: 11}\n",
+)
+run(twin, "sweep", "plane.yaml", "-o", "runs/plane", "--quiet")
+run(report, "sweep", "runs/plane")
+sweep_numbers.hold_grid(
+    content("runs/plane/report.html"),
+    check,
+    path("runs/plane"),
+    "runs/plane",
+    {"heat_J": ("friction heat", "J"), "max_abs(hinge.friction_nm)": ("largest friction of hinge", "Nm")},
+)
 write("wide.yaml", PLAN.replace("[0.03, 0.002]", "[0.01, 0.02]").replace("type: sobol", "type: random"))
 run(twin, "sweep", "wide.yaml", "-o", "runs/wide", "--quiet")
 failed = [row for row in csv.DictReader(open(path("runs", "wide", "results.csv"))) if row["status"] == "failed"]
