@@ -336,7 +336,7 @@ check(
     "{value:.3f} ({low:.3f} … {high:.3f})".format(**first["margin"]) in text and first["advice"] in text,
     (first, text[:2000]),
 )
-fleet_numbers.hold(content("plant.html"), check, path("plant.db"), {**first, "since": since})
+fleet_numbers.hold(content("plant.html"), check, path("plant.db"), [{**first, "since": since}])
 check("fleet: what was imported", re.search(r"week.csv\t273\t20\t0", text), text[-1500:])
 check("fleet: earlier checks", re.search(rf"{told['date']}\tcheck\t39\t1\t5 %", text), text[-1500:])
 
@@ -354,6 +354,20 @@ m = check_page("fleet without a listed joint", path("good.html"), 0, 1, widths=(
 check(
     "nothing listed is said", verdict("good.html").startswith("None of 38 joints needs a look."), verdict("good.html")
 )
+
+# Listed joints of several robots.
+worn = Plant(20)
+worn.write(path("healthy_too.csv"), 14)
+week = worn.rows(7, {("R0003", "joint2"): 0.2, ("R0007", "joint3"): 0.15, ("R0011", "joint2"): 0.3})
+write("worn.csv", "\n".join([HEADER] + [row for row in week if not row.startswith("R0005,joint3")]) + "\n")
+run(twin, "fleet", "learn", "healthy_too.csv", "-o", "worn.db", "--quiet")
+told = json.loads(run(twin, "fleet", "check", "worn.csv", "-o", "worn.db", "--json").stdout)["joints"]
+watched = json.loads(run(twin, "fleet", "watch", "-o", "worn.db", "--json").stdout)["joints"]
+since = {(j["robot"], j["joint"]): j["since"] for j in watched}
+check("fleet: three are listed, by check and by watch", len(told) == 3 and len(since) == 3, (told, watched))
+run(report, "fleet", "worn.db")
+found = [{**j, "since": since.get((j["robot"], j["joint"]))} for j in told]
+fleet_numbers.hold(content("worn.html"), check, path("worn.db"), found)
 
 # More joints than have room: the one that is listed is not among those left out.
 many = Plant(8, [f"joint{k}" for k in range(1, 15)])  # joint9 is the last by name
