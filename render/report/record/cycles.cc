@@ -12,11 +12,17 @@
 namespace tribotwin::render {
 namespace {
 
-constexpr double windows = 200;  ///< of a run whose motion does not repeat
+/// Of a run whose motion does not repeat; fewer where each would have fewer samples than that.
+constexpr double windows = 200, samples_of_window = 5;
 /// A cycle of fewer samples says little about its root mean square.
 constexpr double samples_min = 20;
 
-double window_of(const RunData& run) { return (run.record.time_s.back() - run.record.time_s.front()) / windows; }
+double window_of(const RunData& run) {
+  const auto& time = run.record.time_s;
+  const double span_s = time.back() - time.front();
+  const double most = std::floor(span_s / (samples_of_window * twin::identification::median_step(time)));
+  return span_s / std::max(1.0, std::min(windows, most));
+}
 
 double rms(std::span<const double> values) {
   double squares = 0;

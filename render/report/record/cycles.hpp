@@ -34,7 +34,8 @@ Trace friction_power(std::string label, const RunData& run, const JointHistory& 
 /// without the first of the record, which begins from rest. NaN where fewer than 5 are.
 double friction_power_scatter(const RunData& run, const JointHistory& joint);
 
-/// Root mean square over each complete cycle; over windows of 1/200 of the run where its motion does not repeat.
+/// Root mean square over each complete cycle; where its motion does not repeat over windows of 1/200 of the run, or of
+/// 5 samples where that is longer.
 Trace friction_rms(std::string label, const RunData& run, const JointHistory& joint);
 /// How friction_rms came about, for a caption.
 std::string friction_rms_caption(const RunData& run);

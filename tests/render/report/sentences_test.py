@@ -168,6 +168,14 @@ check(
 compared("on", "less")
 read = text_of(content("compared.html"))
 check("without work cycles there is none, and it is said", "No ±: too few" in read and "power [W]" not in read, read)
+with h5py.File(path("on/telemetry.h5")) as f:
+    time, friction = f["time_s"][:], f["hinge/friction_nm"][:]
+window = np.minimum(9 * (time - time[0]) // np.ptp(time), 8)  # nine windows of five samples or more
+rms = [np.sqrt(np.mean(friction[window == k] ** 2)) for k in range(9)]
+data = [json.loads(html.unescape(d)) for d in re.findall(r'data-figure="([^"]*)"', content("compared.html"))]
+drawn = next(d["series"][0]["y"] for d in data if d["y"]["quantity"] == "friction, RMS")
+check("a short run has windows with samples", len(drawn) == 9 and np.allclose(drawn, rms, rtol=1e-3), (drawn, rms))
+check("and says how long they are", "root mean square over 0.05 s." in read and "over 0.00 s" not in read, read)
 
 # Motors that brake more than they drive do no work that friction could have a share of, nor one with a ratio.
 for folder, motor_J in (("braked", -12.3), ("driven", 40)):
