@@ -31,6 +31,9 @@ class Output:
     def quantile(self, p):
         return np.quantile(self.values, p, method="weibull")  # the p (n + 1)-th value
 
+    def largest(self):
+        return self.words if self.words.startswith("largest ") else "largest " + self.words
+
     def mean_text(self):
         return f"{shown(self.mean, self.half)} {self.unit}"
 
@@ -122,7 +125,7 @@ def take_worst(n, sweep):
             named.add(int(row["run"]))
             value = f"{shown(float(row[key]), o.span / 20)} {o.unit}"
             factors = [f"{float(row[factor]):.5g}" for factor in sweep.factors]
-            n.take("worst run", "\n".join([f"largest {o.words}", row["run"], value, *factors]) + "\n")
+            n.take("worst run", "\n".join([o.largest(), row["run"], value, *factors]) + "\n")
     return sorted(named)
 
 
@@ -239,9 +242,7 @@ def hold_grid(page, check, folder, relative, names):
         for row in grid.worst(key):
             named.add(int(row["run"]))
             value = f"{shown(float(row[key]), o.span / 20)} {o.unit}"
-            n.take(
-                "worst run", "\n".join([f"largest {o.words}", row["run"], value, *map(row.get, grid.factors)]) + "\n"
-            )
+            n.take("worst run", "\n".join([o.largest(), row["run"], value, *map(row.get, grid.factors)]) + "\n")
     for run in sorted(named):
         n.take(f"run {run} again", f"tribotwin sweep {relative}/campaign.yaml --run {run} -o {relative}_run{run}")
     n.take("over factors", f"{runs} runs; the other factors vary as well.")
