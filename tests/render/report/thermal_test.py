@@ -274,6 +274,8 @@ hold_numbers("chain.html", "chain.yaml", [], "monday.csv")
 linked("linked.csv", 6, (30, 20, 10))
 linked("next.csv", 7, (20, 30, 15))
 r = run(twin, "thermal", "linked.csv", "--chain", "-o", "linked.yaml", "--quiet")
+noise_K = float(re.search(r"white_K: ([\d.]+)", content("linked.yaml"))[1])
+check("a chain: its band has the noise of the samples, 20 mK, and no warming", abs(noise_K / 0.02 - 1) < 0.1, noise_K)
 for name, given in (("linked", []), ("next", ["next.csv"]), ("both", ["linked.csv", "next.csv"])):
     run(report, "thermal", "linked.yaml", *given, "-o", name + ".html")
     hold_numbers(name + ".html", "linked.yaml", given, *(given or ["linked.csv"]))
