@@ -125,7 +125,7 @@ def take_worst(n, sweep):
             named.add(int(row["run"]))
             value = f"{shown(float(row[key]), o.span / 20)} {o.unit}"
             factors = [f"{float(row[factor]):.5g}" for factor in sweep.factors]
-            n.take("worst run", "\n".join([o.largest(), row["run"], value, *factors]) + "\n")
+            n.take("worst run", "\n".join(["", o.largest(), row["run"], value, *factors]) + "\n")
     return sorted(named)
 
 
@@ -242,7 +242,7 @@ def hold_grid(page, check, folder, relative, names):
         for row in grid.worst(key):
             named.add(int(row["run"]))
             value = f"{shown(float(row[key]), o.span / 20)} {o.unit}"
-            n.take("worst run", "\n".join([o.largest(), row["run"], value, *map(row.get, grid.factors)]) + "\n")
+            n.take("worst run", "\n".join(["", o.largest(), row["run"], value, *map(row.get, grid.factors)]) + "\n")
     for run in sorted(named):
         n.take(f"run {run} again", f"tribotwin sweep {relative}/campaign.yaml --run {run} -o {relative}_run{run}")
     n.take("over factors", f"{runs} runs; the other factors vary as well.")
