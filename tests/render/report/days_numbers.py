@@ -139,9 +139,11 @@ def take_changes(n, d):
     for robot, joint, day, cycle, found, expected, z in d.changes:
         row = [joint, str(robot.number), str(day + 1), str(cycle + 1), f"{robot.minutes(day, cycle):.1f}"]
         n.take("change", "\n".join([*row, f"{found:+.2f} %", f"{expected:+.2f} %", f"{z:.1f}"]) + "\n")
-    n.take(
-        "a change", f"more than {d.threshold:.2f} standard deviations: of campaigns without a change, 1 % report any"
-    )
+    if d.changes:
+        n.take(
+            "a change",
+            f"more than {d.threshold:.2f} standard deviations: of campaigns without a change, 1 % report any",
+        )
 
 
 UNKNOWN = {"identifiable": "no"}
@@ -204,7 +206,9 @@ def hold(page, check, folder, source, model):
     n.take("friction over the day", "At 60 % of the maximum speed: ")
     take_groups(n, d, os.path.join(source, model))
     # What is no measured number: the paper, a share that is a setting, column heads.
-    n.take("words", "Hao 2021", "at speed 0", "one cycle does not identify it within 2 %")
+    if d.changes:  # figures of that joint
+        n.take("words", "at speed 0")
+    n.take("words", "Hao 2021", "one cycle does not identify it within 2 %")
     whats = ("", ", as simulated", ", over days", ", over a day")
     heads = [f"robot {robot.number}{what}" for robot in d.robots for what in whats]
     n.take("columns", "\n".join(heads) + "\n")

@@ -160,6 +160,7 @@ if report:
         and "longer days" in said["action"],
         said,
     )
+    days_numbers.hold(open(f"{work}/late/report.html").read(), check, f"{work}/late", source, "mjcf/er3a_c60.xml")
     r = run("days", "days", which=report)
     check("page", r.returncode == 0 and r.stdout.strip() == "days/report.html", (r.stdout, r.stderr))
     page = open(f"{work}/days/report.html").read()
