@@ -229,9 +229,11 @@ def take_words(n, surroundings):
         "red when a joint's error is above 1 K and 25 % of its temperature range, amber above 1 K and 5 %, above 1 K "
         "with less than 50 % of the temperatures within their band",
     )
-    assert surroundings["days"] == 1
+    days = surroundings["days"]
+    source = "no measurement" if days == 1 else f"the {days} days of the models and 5 supposed ones with 2 K"
     n.take(
-        "surroundings", f"surroundings that vary by {surroundings['deviation_K']:.2g} K (standard deviation, from no"
+        "surroundings",
+        f"surroundings that vary by {surroundings['deviation_K']:.2g} K (standard deviation, from {source}",
     )
     n.take("95 % bands", "95 % band ± [K]", "holds 95 % of the recorded", "with the band of 95 %")
     n.take("parameters of two bodies", "heat gains c1, c2 and time constants t1, t2")

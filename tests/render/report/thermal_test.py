@@ -280,6 +280,19 @@ for name, given in (("linked", []), ("next", ["next.csv"]), ("both", ["linked.cs
     run(report, "thermal", "linked.yaml", *given, "-o", name + ".html")
     hold_numbers(name + ".html", "linked.yaml", given, *(given or ["linked.csv"]))
 
+# Models of several days, which show how surroundings vary: one by one, and in a chain.
+for name, chain, days in (
+    ("several", [], ["monday.csv", "tuesday.csv"]),
+    ("chains", ["--chain"], ["linked.csv", "next.csv"]),
+):
+    run(twin, "thermal", *days, *chain, "-o", name + ".yaml", "--quiet")
+    check(name + ": of two days", "days: 2" in content(name + ".yaml"), content(name + ".yaml"))
+    run(report, "thermal", name + ".yaml", "-o", name + ".html")
+    hold_numbers(name + ".html", name + ".yaml", [], *days)
+linked("third.csv", 10, (25, 10, 20))
+run(report, "thermal", "chains.yaml", "third.csv", "-o", "third.html")
+hold_numbers("third.html", "chains.yaml", ["third.csv"], "third.csv")
+
 # Two bodies in one joint.
 bodies = [(1.2e-3, 400.0), (3e-4, 3500.0)]
 linked("two.csv", 8, (20,), bodies)
