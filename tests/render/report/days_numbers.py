@@ -7,7 +7,7 @@ import numpy as np
 import yaml
 
 import base_parameter_groups
-from numbers_of_page import Numbers, typeset
+from numbers_of_page import Numbers, day_of, engine_of, typeset, version
 
 IDENTIFIED_WITHIN = 0.02  # in each cycle, of a parameter whose change over a day is reported
 quantile = NormalDist().inv_cdf
@@ -194,11 +194,9 @@ def hold(page, check, folder, source, model):
     """`source`: the folder of `model`, which the page leaves out."""
     n, d = Numbers(page, check), Days(folder)
     n.take("campaign.yaml", d.campaign_text.replace(source + "/", ""))
-    n.match(
-        "identity",
-        r"EFORT ER3A-C60 · .* [\d-]+ · page made with tribotwin [\d.]+ · simulated by MuJoCo [\d.]+\n",
-        lambda: True,
-    )
+    day = day_of(os.path.join(folder, "friction.csv"))
+    made = f"page made with tribotwin {version()} · simulated by MuJoCo {engine_of(d.campaign_text)}\n"
+    n.take("identity", f"EFORT ER3A-C60 · newest file written {day} · {made}")
     take_head(n, d)
     take_changes(n, d)
     take_times(n, d)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import optimize, stats
 import yaml
 
-from numbers_of_page import Numbers
+from numbers_of_page import Numbers, version
 
 FEATURES = ("Fc", "Fs", "Vs", "Fv", "beta")
 WORDS = (
@@ -219,7 +219,7 @@ def hold(page, check, command, healthy, seen, watched, levels, dates, days):
     bad = [o for o in seen if o["anomalous"]]
     n.take("healthy.yaml", healthy)
     n.take("the command", command)
-    n.match("identity", rf"data of {dates[-1]} · page made with tribotwin ([\d.]+)\n", lambda v: True)
+    n.take("identity", f"data of {max(dates)} · page made with tribotwin {version()}\n")
     take_friction(n, h, last, levels)
     n.take("anomalous", f"{len(bad)} of {len(seen)}\ncurves\n")
     shared = lambda o: sum(other["file"] == o["file"] for other in seen) > 1

@@ -398,7 +398,8 @@ check(
 )
 faults = json.loads(run(twin, "list", "faults", "--json").stdout)
 footprints = {fault["name"]: fault["description"] for fault in faults}
-study_numbers.hold(harness.content("study/report.html"), check, whole, footprints)
+day = numbers_of_page.day_of(os.path.join(work, "study", "diagnosis.json"))
+study_numbers.hold(harness.content("study/report.html"), check, whole, footprints, day, "1.9.9")
 with open(page) as f:
     drawing = re.search(r'<svg[^>]*aria-label="joint3: ROC of wear.*?</svg>', f.read(), re.S)
 dashes = (

@@ -5,7 +5,7 @@ import datetime, math, re, sqlite3
 
 import numpy as np
 
-from numbers_of_page import Numbers
+from numbers_of_page import Numbers, version
 
 DAY_S, WINDOW_DAYS = 86400, 10
 EXCESS = 2.3  # healthy joints on a list over what its rate says, at most, in tests of the twin
@@ -96,10 +96,9 @@ def take_head(n, p, all_found):
         f"{'first ' if several else ''}{name_of(found)}, {cause_of(found)}, since {found['since']}. "
         f"{joints_text(silent)} has no verdict.",
     )
-    n.match(
+    n.take(
         "identity",
-        rf"the {WINDOW_DAYS} days to {day(p.end)} · {p.joints} joints of {p.robots} robots · tribotwin [\d.]+\n",
-        lambda: True,
+        f"the {WINDOW_DAYS} days to {day(p.end)} · {p.joints} joints of {p.robots} robots · tribotwin {version()}\n",
     )
     rate = p.checks[0][3]
     healthy = rate * sum(listed)

@@ -1,13 +1,13 @@
 """Every number outside the figures of a sweep's page, also of a grid of two factors, computed from its results.csv,
 campaign.yaml and bands.csv; the interval of a standard deviation alone is that of statistics.json
 (tests/twin/experiments/sweep holds it)."""
-import csv, json, math, os, re
+import csv, glob, json, math, os, re
 
 import numpy as np
 from scipy import stats
 import yaml
 
-from numbers_of_page import Numbers, number
+from numbers_of_page import Numbers, day_of, engine_of, number, version
 
 
 def shown(value, uncertainty):
@@ -57,6 +57,7 @@ def quadratic(factors, z):
 class Sweep:
     def __init__(self, folder, names):
         """`names`: words and unit of each column of an output."""
+        self.folder = folder
         with open(os.path.join(folder, "results.csv")) as f:
             self.rows = list(csv.DictReader(f))
         with open(os.path.join(folder, "campaign.yaml")) as f:
@@ -79,15 +80,19 @@ class Sweep:
         return sorted(self.rows, key=lambda row: -float(row[key]))[:5]
 
 
+def take_identity(n, sweep, design):
+    files = [*glob.glob(sweep.folder + "/*.json"), *glob.glob(sweep.folder + "/*.csv")]
+    with open(os.path.join(sweep.folder, "campaign.yaml")) as f:
+        engine = engine_of(f.read())
+    runs = f"{len(sweep.rows)} runs of scenario.yaml: {design}"
+    n.take("identity", f"\n{day_of(*files)} · {runs} · tribotwin {version()} · MuJoCo {engine}\n")
+
+
 def take_head(n, sweep):
     runs, design = len(sweep.rows), sweep.campaign["design"]
     first_key, first = next(iter(sweep.outputs.items()))
     name, (r, low, high) = sweep.strongest(first_key)
-    n.match(
-        "identity",
-        r"\n[\d-]+ · (\d+) runs of scenario.yaml: Sobol' sequence, seed (\d+) · tribotwin [\d.]+ · " r"MuJoCo [\d.]+\n",
-        lambda *said: [int(x) for x in said] == [runs, design["seed"]],
-    )
+    take_identity(n, sweep, f"Sobol' sequence, seed {design['seed']}")
     n.take(
         "verdict",
         f"is {first.mean_text()} (95 %: {first.ends}) over {runs} runs, which lie between "
@@ -171,6 +176,7 @@ class Grid:
     """Of all combinations of two factors."""
 
     def __init__(self, folder, names):
+        self.folder = folder
         with open(os.path.join(folder, "results.csv")) as f:
             self.rows = list(csv.DictReader(f))
         with open(os.path.join(folder, "campaign.yaml")) as f:
@@ -199,11 +205,7 @@ def four(value):
 def take_grid_head(n, grid):
     runs, (key, o) = len(grid.rows), next(iter(grid.outputs.items()))
     name, total = grid.strongest(key)
-    n.match(
-        "identity",
-        r"\n[\d-]+ · (\d+) runs of scenario.yaml: full grid · tribotwin [\d.]+ · MuJoCo [\d.]+\n",
-        lambda said: int(said) == runs,
-    )
+    take_identity(n, grid, "full grid")
     n.take(
         "verdict",
         f"The mean of {o.words} is {four(o.mean)} {o.unit} over {runs} runs, which lie between {shown(o.low, o.span)} "

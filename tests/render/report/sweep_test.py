@@ -7,7 +7,7 @@ import fleet_numbers
 import harness
 from fleet_plant import HEADER, Plant
 from harness import check, check_refused, content, finish, path, work
-from numbers_of_page import text_of
+from numbers_of_page import day_of, text_of
 from pendulum import PENDULUM
 import sweep_numbers
 
@@ -53,6 +53,11 @@ r = run(report, "sweep", "runs/small", "--png")
 check("sweep: the page is written", r.returncode == 0 and r.stdout.endswith("runs/small/report.html\n"), r)
 m = check_page("sweep", path("runs/small/report.html"), 0, len(os.listdir(path("runs/small/report_figures"))))
 text = m["text"] if m else ""
+days = set()
+for zone in ("UTC-14", "UTC+12"):  # at any time one of them has another day than UTC
+    r = harness.run(report, "sweep", "runs/small", "-o", "zone.html", "--force", env={**os.environ, "TZ": zone})
+    days.add(opening(content("zone.html"))["identity"].split(" · ")[0])
+check("sweep: its day is that of UTC, as on other pages", days == {day_of(path("runs/small/results.csv"))}, days)
 statistics = json.loads(content("runs/small/statistics.json"))
 heat = statistics["outputs"]["heat_J"]
 said = verdict("runs/small/report.html")
