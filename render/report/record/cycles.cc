@@ -12,11 +12,17 @@
 namespace tribotwin::render {
 namespace {
 
-constexpr double windows = 200;  ///< of a run whose motion does not repeat
+/// Of a run whose motion does not repeat; fewer where each would have fewer samples than that.
+constexpr double windows = 200, samples_of_window = 5;
 /// A cycle of fewer samples says little about its root mean square.
 constexpr double samples_min = 20;
 
-double window_of(const RunData& run) { return (run.record.time_s.back() - run.record.time_s.front()) / windows; }
+double window_of(const RunData& run) {
+  const auto& time = run.record.time_s;
+  const double span_s = time.back() - time.front();
+  const double most = std::floor(span_s / (samples_of_window * twin::identification::median_step(time)));
+  return span_s / std::max(1.0, std::min(windows, most));
+}
 
 double rms(std::span<const double> values) {
   double squares = 0;
@@ -39,12 +45,13 @@ std::vector<CompleteCycle> complete_cycles(const RunData& run) {
   const double expected = period_s / step_s;
   if (!(expected >= samples_min)) return all;
   std::size_t begin = 0;
-  for (const double end_s : run.record.cycle_time_s) {
+  for (std::size_t row = 0; row < run.record.cycle_time_s.size(); ++row) {
+    const double end_s = run.record.cycle_time_s[row];
     while (begin < time.size() && time[begin] < end_s - period_s - 1e-6 * step_s) ++begin;
     std::size_t end = begin;
     while (end < time.size() && time[end] < end_s - 1e-6 * step_s) ++end;
     if (static_cast<double>(end - begin) >= std::floor(expected) - 0.5)
-      all.push_back({begin, end, end_s - period_s / 2});
+      all.push_back({begin, end, end_s - period_s / 2, row});
     begin = end;
   }
   return all;
@@ -59,6 +66,22 @@ Trace lubricant_temperature(std::string label, const RunData& run, const JointHi
 
 Trace friction_power(std::string label, const RunData& run, const JointHistory& joint) {
   return envelope(std::move(label), run.record.cycle_time_s, run.record.channel(joint.name, "cycle_friction_power_W"));
+}
+
+double friction_power_scatter(const RunData& run, const JointHistory& joint) {
+  constexpr std::size_t count_min = 5;
+  const auto power = run.record.channel(joint.name, "cycle_friction_power_W");
+  const auto cycles = complete_cycles(run);
+  double squares = 0;
+  std::size_t count = 0;
+  for (std::size_t i = 1; i + 1 < cycles.size(); ++i) {
+    const std::size_t row = cycles[i].row;
+    if (cycles[i - 1].row == 0 || cycles[i - 1].row + 1 != row || cycles[i + 1].row != row + 1) continue;
+    if (row + 1 >= power.size()) break;
+    const double off = power[row] - (power[row - 1] + power[row + 1]) / 2;
+    squares += off * off / 1.5, ++count;  // 1 + 1/4 + 1/4 variances
+  }
+  return count < count_min ? std::numeric_limits<double>::quiet_NaN() : std::sqrt(squares / static_cast<double>(count));
 }
 
 Trace friction_rms(std::string label, const RunData& run, const JointHistory& joint) {

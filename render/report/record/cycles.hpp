@@ -21,6 +21,7 @@ bool has_cycles(const RunData& run);
 struct CompleteCycle {
   std::size_t begin, end;  ///< first sample, and the one after the last
   double middle_s;
+  std::size_t row;  ///< of the record's values of every work cycle
 };
 std::vector<CompleteCycle> complete_cycles(const RunData& run);
 
@@ -28,8 +29,13 @@ std::vector<CompleteCycle> complete_cycles(const RunData& run);
 Trace lubricant_temperature(std::string label, const RunData& run, const JointHistory& joint);
 /// Mean friction power of every work cycle; empty without cycles.
 Trace friction_power(std::string label, const RunData& run, const JointHistory& joint);
+/// Standard deviation of a work cycle's mean friction power [W], by how far it is from the mean of both neighbours
+/// (differences of second order, so that a slow warm-up is no scatter), over complete cycles beside complete cycles
+/// without the first of the record, which begins from rest. NaN where fewer than 5 are.
+double friction_power_scatter(const RunData& run, const JointHistory& joint);
 
-/// Root mean square over each complete cycle; over windows of 1/200 of the run where its motion does not repeat.
+/// Root mean square over each complete cycle; where its motion does not repeat over windows of 1/200 of the run, or of
+/// 5 samples where that is longer.
 Trace friction_rms(std::string label, const RunData& run, const JointHistory& joint);
 /// How friction_rms came about, for a caption.
 std::string friction_rms_caption(const RunData& run);

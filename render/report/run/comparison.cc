@@ -44,17 +44,45 @@ void add_table(IllustratedPage& page, const std::vector<std::string>& head,
   }
 }
 
-/// A row with the value of every run and, of two runs, how the second differs.
+/// A row with the value of every run, as a format or with so many digits, and, of two runs, how the second differs:
+/// `scatter` is what a difference of single cycles scatters by, NaN where that is not known.
 void add_row(std::vector<std::vector<std::string>>& rows, const Runs& runs, const std::string& what,
-             const std::string& unit, const char* format, auto value) {
+             const std::string& unit, auto format, auto value, double scatter = unknown) {
   std::vector<double> values;
   for (const auto& run : runs.all) values.push_back(value(*run));
   if (std::ranges::none_of(values, [](double v) { return std::isfinite(v); })) return;
   std::vector<std::string> row{unit.empty() ? what : fmt::format("{} [{}]", what, unit)};
   for (const double v : values) row.push_back(shown(v, format));
   if (values.size() == 2)
-    row.push_back(std::isfinite(values[0] + values[1]) ? change_text(values[0], values[1], unit) : "–");
+    row.push_back(std::isfinite(values[0] + values[1]) ? change_text(values[0], values[1], unit, scatter) : "–");
   rows.push_back(std::move(row));
+}
+
+/// Of the difference of a joint's friction power in two work cycles, one of each run [W]; NaN where a run does not say.
+double scatter_of_cycles(const Runs& runs, const std::string& joint) {
+  double squares = 0;
+  for (const auto& run : runs.all) {
+    const JointHistory* j = history_of(*run, joint);
+    const double scatter = j ? friction_power_scatter(*run, *j) : unknown;
+    squares += scatter * scatter;
+  }
+  return std::sqrt(squares);
+}
+
+/// Power of work cycles where all runs have them, which no choice of samples can distort; else root mean squares.
+bool compares_power(const Runs& runs) {
+  return std::ranges::all_of(runs.all, [](const auto& run) { return has_cycles(*run); });
+}
+
+/// What the differences of the table are worth.
+std::string meaning_of_differences(std::size_t runs, bool scatters) {
+  const std::string all =
+      fmt::format("Simulations have no noise: what is above {:g} %, which multi-rate runs may leave, is a difference.",
+                  100 * resolved_share);
+  if (runs != 2) return all;  // no column of differences
+  return all + (scatters ? " ± is the standard deviation of the difference of two single work cycles, one of each run, "
+                           "by how far cycles are from the mean of their neighbours; means over a run are surer."
+                         : " No ±: too few neighbouring work cycles were computed to say how they scatter.");
 }
 
 /// Values of one joint or, where it is empty, the maximum over all.
@@ -71,17 +99,25 @@ void add_results(IllustratedPage& page, const Runs& runs) {
   if (runs.all.size() == 2) head.emplace_back("difference");
   std::vector<std::vector<std::string>> rows;
   add_row(rows, runs, "simulated", "s", "{:.1f}", [](const RunData& r) { return simulated_s(r); });
+  bool scatters = false;
   for (const auto& joint : runs.all.front()->joints) {
     if (!joint.moved) continue;
     const std::string unit = joint.slide ? "N" : "Nm";
-    add_row(rows, runs, joint.name + ": friction, RMS", unit, "{:.4g}",
+    add_row(rows, runs, joint.name + ": friction, RMS", unit, 4,
             [&](const RunData& r) { return of_joints(r, joint.name, &JointSummary::friction_rms_nm); });
+    if (compares_power(runs)) {
+      const double scatter = scatter_of_cycles(runs, joint.name);
+      scatters = scatters || std::isfinite(scatter);
+      add_row(
+          rows, runs, joint.name + ": friction power", "W", 4,
+          [&](const RunData& r) { return friction_power_w(history_of(r, joint.name)); }, scatter);
+    }
     add_row(rows, runs, joint.name + ": maximum temperature", "°C", "{:.2f}",
             [&](const RunData& r) { return of_joints(r, joint.name, &JointSummary::max_degC); });
   }
-  add_row(rows, runs, "friction work", "kJ", "{:.5g}",
+  add_row(rows, runs, "friction work", "kJ", 5,
           [](const RunData& r) { return number(r.summary, {"friction_work_J"}) / 1e3; });
-  add_row(rows, runs, "motor work", "kJ", "{:.5g}",
+  add_row(rows, runs, "motor work", "kJ", 5,
           [](const RunData& r) { return number(r.summary, {"motor_work_J"}) / 1e3; });
   add_row(rows, runs, "maximum load", "", "{:.3f}",
           [](const RunData& r) { return of_joints(r, "", &JointSummary::load_max); });
@@ -89,11 +125,7 @@ void add_results(IllustratedPage& page, const Runs& runs) {
     return number(r.summary, {"comparison", "mae_mrad"});
   });
   add_table(page, head, rows);
-  page.add(
-      page.body(), "p",
-      fmt::format("Simulations have no noise: what is above {:g} %, which multi-rate runs may leave, is a difference.",
-                  100 * resolved_share),
-      "soft");
+  page.add(page.body(), "p", meaning_of_differences(runs.all.size(), scatters), "soft");
 }
 
 void add_differing_keys(IllustratedPage& page, const Runs& runs) {
@@ -164,11 +196,6 @@ std::vector<Trace> temperatures(const Runs& runs) {
   return of_runs(runs, [](std::string label, const RunData& run, const JointHistory& j) {
     return lubricant_temperature(std::move(label), run, j);
   });
-}
-
-/// Power of work cycles where all runs have them, which no choice of samples can distort; else root mean squares.
-bool compares_power(const Runs& runs) {
-  return std::ranges::all_of(runs.all, [](const auto& run) { return has_cycles(*run); });
 }
 
 std::vector<Trace> frictions(const Runs& runs) {

@@ -71,7 +71,8 @@ Keys keys_of(const RunData& run) {
   return keys;
 }
 
-/// nullptr where the record has no such joint.
+}  // namespace
+
 const JointHistory* history_of(const RunData& run, const std::string& joint) {
   const auto j = std::ranges::find(run.joints, joint, &JointHistory::name);
   return j == run.joints.end() ? nullptr : &*j;
@@ -80,8 +81,6 @@ const JointHistory* history_of(const RunData& run, const std::string& joint) {
 double friction_power_w(const JointHistory* joint) {
   return joint ? joint->friction_power_w : std::numeric_limits<double>::quiet_NaN();
 }
-
-}  // namespace
 
 std::vector<DifferingKey> differing_keys(std::span<const std::unique_ptr<RunData>> runs) {
   std::vector<Keys> all;
@@ -154,12 +153,14 @@ std::vector<const FrictionChange*> others_beyond(double share, const std::vector
   return others;
 }
 
-std::string change_text(double from, double to, const std::string& unit) {
+std::string change_text(double from, double to, const std::string& unit, double scatter) {
   const double change = to - from, size = std::max(std::abs(from), std::abs(to));
   if (!(std::abs(change) > 1e-6 * size)) return "none";
-  const bool no_ratio = unit == "°C" || from == 0;  // no ratio of temperatures has a meaning
+  // No ratio of temperatures has a meaning, nor one of works of which the motors take up one.
+  const bool no_ratio = unit == "°C" || from <= 0 || to < 0;
   const std::string suffix = unit.empty() ? "" : unit == "°C" ? " K" : " " + unit;
-  const std::string number = (change > 0 ? "+" : "") + digits(change, 3);
+  const std::string number = (change > 0 ? "+" : "") + digits(change, 3) +
+                             (std::isfinite(scatter) ? " ± " + digits(scatter > 1e-6 * size ? scatter : 0, 2) : "");
   return fmt::format("{}{}{}", number, suffix, no_ratio ? "" : fmt::format(", {:+.1f} %", 100 * (to / from - 1)));
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -18,6 +19,11 @@ struct DifferingKey {
 };
 /// Keys whose values are not the same in all runs: "events[1].factors.Fc0".
 std::vector<DifferingKey> differing_keys(std::span<const std::unique_ptr<RunData>> runs);
+
+/// nullptr where the record has no such joint.
+const JointHistory* history_of(const RunData& run, const std::string& joint);
+/// Its mean friction power (JointHistory::friction_power_w) [W]; NaN without a joint.
+double friction_power_w(const JointHistory* joint);
 
 /// Friction of a joint in the first run and in another one, root mean square over the run.
 struct FrictionChange {
@@ -47,7 +53,10 @@ bool know_power(const std::vector<FrictionChange>& changes);
 /// cycle, from rest, counts for those that are skipped after it.
 constexpr double resolved_share = 1e-2;
 
-/// "+47.1 Nm, +10.9 %"; "none" where nothing changed
-std::string change_text(double from, double to, const std::string& unit);
+/// "+47.1 Nm, +10.9 %", or "+47.1 ± 0.21 Nm, +10.9 %" where `scatter` (a standard deviation, in `unit`) is finite, 0
+/// where it is below a millionth of the values; "none" where nothing changed by more. Without percent where a value is
+/// negative, and of temperatures.
+std::string change_text(double from, double to, const std::string& unit,
+                        double scatter = std::numeric_limits<double>::quiet_NaN());
 
 }  // namespace tribotwin::render

@@ -29,9 +29,11 @@ std::string energy(double joule) {
   return std::isfinite(joule) ? digits(joule / size, 3) + " " + unit : "–";
 }
 
-/// A motor that is off, or carries nothing, does no work that friction could have a share of.
+/// A motor that is off, or carries nothing, does no work that friction could have a share of; nor do motors that brake
+/// more than they drive.
 std::string of_motor_work(double joule, double motor_joule) {
   if (std::abs(motor_joule) <= 1e-9 * std::abs(joule)) return "without work of the motors";
+  if (motor_joule < 0) return fmt::format("while the motors brake more than they drive, by {}", energy(-motor_joule));
   return fmt::format("{} % of {} motor work", digits(100 * joule / motor_joule, 3), energy(motor_joule));
 }
 
@@ -248,6 +250,14 @@ std::string sentence(const Runs& runs, const std::vector<FrictionChange>& change
                      change_text(most->first, most->other, most->unit), other_joints(runs, changes, *most));
 }
 
+/// "early", "early, older": whose summaries do not say whether the run is what its scenario asked for.
+std::string without_checks(const Runs& runs) {
+  std::string all;
+  for (const auto& run : runs.all)
+    if (!has_checks(*run)) all += (all.empty() ? "" : ", ") + runs.label(*run);
+  return all;
+}
+
 }  // namespace
 
 Opening opening_of(const Runs& runs, const ReportOptions& options) {
@@ -266,6 +276,11 @@ Opening opening_of(const Runs& runs, const ReportOptions& options) {
       .identity = identity_of_run(*runs.all.front(), options)};
   if (std::ranges::any_of(changes, [](const auto& c) { return std::abs(c.share()) > watched_share; }))
     o.light = Light::amber;
+  if (const auto unchecked = without_checks(runs); !unchecked.empty()) {
+    o.light = Light::amber;
+    o.rule += fmt::format(" Amber, because the health of {} is not known: no checks in its summary.", unchecked);
+    o.action = fmt::format("run {} again with this version, which checks the run, before it is compared.", unchecked);
+  }
   for (const auto& run : runs.all)
     if (!run->damage.empty() || !warnings(*run).empty()) {
       o.light = Light::red;

@@ -164,7 +164,7 @@ class Section {
   std::string friction(const JointSummary& j, double nm) const {
     const auto history = std::ranges::find(run_.joints, j.name, &JointHistory::name);
     const bool nothing = history != run_.joints.end() && std::abs(nm) < 1e-9 * history->torque_max_nm;
-    return nothing ? "0" : shown(nm, "{:.4g}");
+    return nothing ? "0" : shown(nm, 4);
   }
 
   void joint_table() {

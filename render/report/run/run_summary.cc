@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/render/report/run/run_summary.hpp>
+#include <tribotwin/render/theme/theme.hpp>
 
 namespace tribotwin::render {
 namespace {
@@ -57,6 +58,8 @@ const json& entries(const RunData& run, const char* key) {
 std::string shown(double v, const char* format) {
   return std::isfinite(v) ? fmt::format(fmt::runtime(format), v) : "–";
 }
+
+std::string shown(double v, int count) { return std::isfinite(v) ? digits(v, count) : "–"; }
 
 namespace {
 

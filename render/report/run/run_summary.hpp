@@ -16,6 +16,8 @@ const nlohmann::json& entries(const RunData& run, const char* key);
 
 /// "–" for NaN.
 std::string shown(double value, const char* format);
+/// With so many digits (theme.hpp), so that large values have no power of ten.
+std::string shown(double value, int digits);
 
 /// A joint over a run; NaN where it is not known. Friction is the magnitude, arm side.
 struct JointSummary {

@@ -88,9 +88,8 @@ void add_transmission_tables(IllustratedPage& page, pugi::xml_node to, std::span
     }
     for (const auto& e : entries(*r, "loops"))
       loops.push_back({label(*r), shown(number(e, {"temperature_degC"}), "{:.1f}"),
-                       shown(number(e, {"frequency_hz"}), "{:g}"), shown(number(e, {"area_J"}), "{:.4g}"),
-                       shown(number(e, {"torque_nm"}), "{:.5g}"),
-                       shown(number(e, {"stiffness_nm_rad"}) / 1e6, "{:.4g}")});
+                       shown(number(e, {"frequency_hz"}), "{:g}"), shown(number(e, {"area_J"}), 4),
+                       shown(number(e, {"torque_nm"}), 5), shown(number(e, {"stiffness_nm_rad"}) / 1e6, 4)});
   }
   if (!tracking.empty())
     page.add_table(

@@ -357,7 +357,7 @@ class Writer {
       for (const std::size_t r : order) {
         const auto& run = sweep_.runs[r];
         std::vector<std::string> row{
-            fmt::format("{} {}", smallest_is_worst(o) ? "smallest" : "largest", q.name), fmt::format("{}", run.number),
+            extreme(smallest_is_worst(o) ? "smallest" : "largest", q.name), fmt::format("{}", run.number),
             q.with_unit(view_.outputs[o][r], (number_in(s["max"]) - number_in(s["min"])) / 20)};
         if (short_keys)
           for (std::size_t k = 0; k < sweep_.keys.size(); ++k) row.push_back(short_value(run.values[k]));
@@ -374,6 +374,11 @@ class Writer {
     std::string commands;
     for (const std::size_t run : named) commands += (commands.empty() ? "" : "\n") + repeat(run);
     page_.add(to, "pre", commands);
+  }
+
+  /// "largest friction heat"; "largest friction of hinge", which is one already, stays.
+  static std::string extreme(const std::string& which, const std::string& name) {
+    return name.starts_with(which + " ") ? name : which + " " + name;
   }
 
   bool smallest_is_worst(std::size_t o) const {

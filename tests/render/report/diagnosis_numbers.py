@@ -3,10 +3,10 @@ tribotwin diagnose check and watch say. What they do not say, healthy friction a
 import re
 
 import numpy as np
-from scipy import stats
+from scipy import optimize, stats
 import yaml
 
-from numbers_of_page import Numbers
+from numbers_of_page import Numbers, version
 
 FEATURES = ("Fc", "Fs", "Vs", "Fv", "beta")
 WORDS = (
@@ -23,6 +23,7 @@ REGIONS = (slice(0, 3), slice(3, 5))
 class Healthy:
     def __init__(self, text):
         h = yaml.safe_load(text)
+        self.text = text
         self.count, self.distances = h["observations"], list(h["thresholds"].values())
         self.torque_max_nm = h.get("torque_max_nm", 0)
         self.ends = [h["temperature"][end] for end in ("low_degC", "high_degC")]
@@ -30,6 +31,14 @@ class Healthy:
         self.coefficients = [np.array(r["coefficients"]) for r in regions]
         self.covariance = [np.array(r["covariance"]) for r in regions]
         self.together = np.array(h["baseline"]["together"])
+        self.sensitivity, self.load_effect = h["load"]["sensitivity"], np.array(h["load"]["effect"])
+
+    def moved(self, pattern, severity):
+        """By a cause: logarithms of the first four features, and beta."""
+        if pattern == "wear":
+            return np.log1p(severity) * np.array([1, 1, 1, 0, 0])
+        assert pattern == "load" and "indicators" not in self.text  # else the sensitivity is that of their mean load
+        return np.log1p(self.sensitivity * severity) / self.sensitivity * self.load_effect
 
     def expected(self, o):
         x = np.array([1, o["temperature_degC"] - np.mean(self.ends)])
@@ -82,15 +91,57 @@ def margin_of(o):
     return margin_tile("the latest curve", left, left - half, left + half, o["equivalent_load_threshold"])
 
 
-def line_margin(days, seen):
-    """By a straight line through all of them over their days."""
-    x = np.column_stack([np.ones(len(days)), days])
-    y, threshold = np.array([o["equivalent_load"] for o in seen]), seen[0]["equivalent_load_threshold"]
-    line, squares = np.linalg.lstsq(x, y)[:2]
-    at, inverse = x[-1], np.linalg.inv(x.T @ x)
-    half = stats.t.ppf(0.975, len(y) - 2) * np.sqrt(squares[0] / (len(y) - 2) * at @ inverse @ at)
-    left = threshold - at @ line
-    return margin_tile("a straight line", left, left - half, left + half, threshold)
+class Line:
+    """A straight line through all equivalent loads over their days."""
+
+    def __init__(self, days, seen):
+        x = np.column_stack([np.ones(len(days)), days])
+        y, sigma = (np.array([o[key] for o in seen]) for key in ("equivalent_load", "equivalent_load_sigma"))
+        self.threshold, self.last = seen[0]["equivalent_load_threshold"], days[-1]
+        self.line = np.linalg.lstsq(x, y, rcond=None)[0]
+        error, freedom = y - x @ self.line, len(y) - 2
+        self.covariance = np.linalg.inv(x.T @ x) * (error @ error) / freedom
+        self.quantile = stats.t.ppf(0.975, freedom)
+        self.straight = stats.chi2.sf(np.sum((error / sigma) ** 2), freedom) > 0.01
+
+    def at(self, day, side=0):
+        """And an end of its 95 %: the upper one with 1, the lower one with -1."""
+        x = np.array([1, day])
+        return x @ self.line + side * self.quantile * np.sqrt(x @ self.covariance @ x)
+
+    def left(self, side=0):
+        return self.threshold - self.at(self.last, side)
+
+    def tile(self):
+        return margin_tile("a straight line", self.left(), self.left(1), self.left(-1), self.threshold)
+
+    def reaches(self, side=0):
+        """The day after the last one, or any where the line itself is beyond the threshold; None: never."""
+        begin, end = (self.last, 1e6) if self.left() > 0 else (-1e6, self.last)
+        beyond = lambda day: self.at(day, side) - self.threshold
+        if beyond(begin) > 0:
+            return begin
+        return optimize.brentq(beyond, begin, end) if beyond(end) > 0 else None
+
+
+def date_after(first, day):
+    return np.datetime64(first) + np.timedelta64(round(day), "D")
+
+
+def take_trend(n, line, dates):
+    """When the wear threshold is reached, or was: to the day."""
+    day = r"(\d{4}-\d\d-\d\d)"
+    same = lambda said, day: abs((np.datetime64(said) - date_after(dates[0], day)).astype(int)) <= 1
+    if not line.straight:
+        n.check("number: no date where they follow no line", "so no date is given" in n.text, n.text[:4000])
+    elif line.left() <= 0:
+        wanted = rf"has been exceeded since about {day}, by"
+        n.match("trend", wanted, lambda said: same(said, line.reaches()))
+    else:
+        wanted = rf"is reached about {day} \(95 %: {day} … (?:{day}|never, as the rise may be chance)\)"
+        middle, early, late = (line.reaches(side) for side in (0, 1, -1))
+        is_late = lambda said: late is None if said is None else same(said, late)
+        n.match("trend", wanted, lambda m, a, b: same(m, middle) and same(a, early) and is_late(b))
 
 
 def share(h, load_norm, of=""):
@@ -99,14 +150,15 @@ def share(h, load_norm, of=""):
     return f"{100 * load_norm:.1f} %{of}{nm}"
 
 
-def sentence(h, i, o):
-    """What the page says of a curve of a file that holds no other."""
+def sentence(h, i, o, several):
+    """What the page says of a curve. `several`: its file holds others."""
     far = [
         f"{name} {np.sqrt(o[region]['statistic'] / o[region]['limit']):.1f} times"
         for region, name in (("region1", "contact surfaces"), ("region2", "lubricant"))
         if o[region]["anomalous"]
     ]
-    said = f"{i}. {o['file']}, {o['temperature_degC']:.1f} °C: {' and '.join(far)} "
+    of_file = f", curve {o['curve']}" if several else ""
+    said = f"{i}. {o['file']}{of_file}, {o['temperature_degC']:.1f} °C: {' and '.join(far)} "
     said += "as far from healthy as a healthy curve may be. "
     if o["perhaps_healthy"]:
         said += f"Chance is likelier than any known cause (probability {percent(o['confidence'])})."
@@ -130,8 +182,7 @@ def near(shown, true, half_digit):
 def take_evidence(n, h, o):
     """The table of what speaks for the cause. The column of the cause itself is 0 for features it leaves alone."""
     found, reach = h.deviation(o), 1.96 * np.sqrt(np.diag(h.sigma_covariance(o)))
-    s = o["severity"]
-    moved = {"wear": np.log1p([s, s, s, 0, 0])}[o["pattern"]]
+    moved = h.moved(o["pattern"], o["severity"])
     relative = lambda x: 100 * np.expm1(x)
     for i, word in enumerate(WORDS):
         unit, show, digit = (" %", relative, 0.05) if i < 4 else ("", float, 0.0005)
@@ -141,31 +192,47 @@ def take_evidence(n, h, o):
         n.match("evidence: " + word, row, lambda a, b, c: all(near(x, t, digit) for x, t in zip((a, b, c), true)))
 
 
-def hold(page, check, command, healthy, seen, watched, levels, dates, days, reached):
-    """`seen`: observations of `check --json`, in order. `watched`: `watch --json` of the same. `levels`: speed and
-    friction of the latest curve. `dates`: of the files; `days`: since the first. `reached`: when a line is at the wear
-    threshold."""
-    n, h, last = Numbers(page, check), Healthy(healthy), seen[-1]
-    bad = [o for o in seen if o["anomalous"]]
-    n.take("healthy.yaml", healthy)
-    n.take("the command", command)
-    n.match("identity", rf"data of {dates[-1]} · page made with tribotwin ([\d.]+)\n", lambda v: True)
+def take_other_causes(n, h, o):
+    """Of wear beside more load: how much of it alone explains the deviation best."""
+    others = {name: p for name, p in o["probabilities"].items() if name not in (o["pattern"], "healthy") and p >= 0.01}
+    for name, p in others.items():
+        d, weight = h.deviation(o), np.linalg.inv(h.sigma_covariance(o))
+        misfit = lambda s: (d - h.moved(name, s)) @ weight @ (d - h.moved(name, s))
+        s = 100 * optimize.minimize_scalar(misfit, bounds=(0, 1), method="bounded").x
+        row = rf"\n{MEANINGS[name]}\n{percent(p)}\n([\d.]+) %(?: of the maximum torque)?\n"
+        n.match("other cause: " + name, row, lambda shown: abs(float(shown) / s - 1) < 0.1 + 0.5 / s)
+
+
+def take_friction(n, h, last, levels):
     change, half = h.friction_change(last, *levels)
     n.match(
         "friction, latest",
         r"([+-][\d.]+) %\nagainst a healthy joint at this temperature; 95 % of healthy curves lie within ± ([\d.]+) %",
         lambda a, b: near(a, change, 0.05) and near(b, half, 0.05),
     )
+
+
+def hold(page, check, command, healthy, seen, watched, levels, dates, days):
+    """`seen`: observations of `check --json`, in order, the last one with a known cause. `watched`: `watch --json` of
+    the same. `levels`: speed and friction of the latest curve. `dates`: of each curve; `days`: since the first."""
+    n, h, last = Numbers(page, check), Healthy(healthy), seen[-1]
+    bad = [o for o in seen if o["anomalous"]]
+    n.take("healthy.yaml", healthy)
+    n.take("the command", command)
+    n.take("identity", f"data of {max(dates)} · page made with tribotwin {version()}\n")
+    take_friction(n, h, last, levels)
     n.take("anomalous", f"{len(bad)} of {len(seen)}\ncurves\n")
-    n.take("sentences", *(sentence(h, i + 1, o) for i, o in enumerate(seen) if o["anomalous"]))
-    cause_of_latest = f"worn contact surfaces, {much(last)} (confidence {percent(last['confidence'])})."
+    shared = lambda o: sum(other["file"] == o["file"] for other in seen) > 1
+    n.take("sentences", *(sentence(h, i + 1, o, shared(o)) for i, o in enumerate(seen) if o["anomalous"]))
+    cause_of_latest = f"{MEANINGS[last['pattern']]}, {much(last)} (confidence {percent(last['confidence'])})."
     n.take("the cause", f"; the latest looks like {cause_of_latest}", f"It looks like {cause_of_latest}")
     are_not = "is not that" if len(bad) == 1 else "are not those"
     n.take("verdict", f"{len(bad)} of {len(seen)} curves {are_not} of a healthy joint")
     nm = f" ({last['equivalent_load'] * h.torque_max_nm:.2g} Nm)" if h.torque_max_nm else ""
     tile = f"{100 * last['equivalent_load']:.1f} ± {100 * last['equivalent_load_sigma']:.1f} %\n"
     n.take("equivalent load", tile + f"of the maximum torque{nm}, one sigma: ")
-    n.take("margin", line_margin(days, seen))
+    line = Line(days, seen)
+    n.take("margin", line.tile() if line.straight else margin_of(last))
     n.take(
         "compared with",
         f"with {h.count} unloaded curves of the healthy joint, {h.ends[0]:.0f} to {h.ends[1]:.0f} °C; ",
@@ -185,6 +252,7 @@ def hold(page, check, command, healthy, seen, watched, levels, dates, days, reac
         row += [f"{o['equivalent_load']:.3f}", o["pattern"], f"{o['confidence']:.2f}"]
         n.take(f"appendix, row {i + 1}", "\n" + "\n".join(row) + "\n")
     take_evidence(n, h, last)
+    take_other_causes(n, h, last)
     n.take("the latest curve", f"Measured levels of curve {len(seen)} at {last['temperature_degC']:.1f} °C")
     alarm = watched["first_alarm"]
     n.take("alarm", f"Curve {alarm} raises the first alarm.")
@@ -202,11 +270,7 @@ def hold(page, check, command, healthy, seen, watched, levels, dates, days, reac
         "The ellipsoid of region 1 seen along each of its axes, and the ellipse of region 2: filled within {:g} "
         "standard deviations, dashed at {:g}.".format(*np.sqrt(h.distances)),
     )
-    n.match(
-        "trend",
-        r"has been exceeded since about (\d{4}-\d\d-\d\d), by",
-        lambda day: abs((np.datetime64(day) - reached).astype(int)) <= 1,
-    )
+    take_trend(n, line, dates)
     # What is no measured number: shares of intervals, numbers of regions, the paper.
     words = ("Zhou 2024 (15)", "Zhou 2024", "T² 1", "T² 2", "distance 1", "distance 2", "anomalous 1", "anomalous 2")
     n.take("words", "where 95 % of the curves", "healthy curves, 95 %", "\nregion 1\n", "\nregion 2\n", *words)

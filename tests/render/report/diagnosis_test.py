@@ -22,7 +22,7 @@ def run(program, *arguments):
     return harness.run(program, *arguments, *again)
 
 
-def write(name, conditions):
+def write(name, conditions, noise=random):
     rows = []
     for i, (T, wear) in enumerate(conditions):
         Fc, Fs, Vs = (1 + wear) * (6 + 0.0162 * T), (1 + wear) * 9.5, (1 + wear) * (2 + 0.025 * T)
@@ -30,7 +30,7 @@ def write(name, conditions):
             Fc
             + (Fs - Fc) * np.exp(-((v / Vs) ** 1.3))
             + 3.4 * np.exp(-T / 32) * v ** (0.5 + 0.0025 * T)
-            + random.normal(0, 0.05, v.size)
+            + noise.normal(0, 0.05, v.size)
         )
         rows.append(np.column_stack([np.full(v.size, i + 1), v, np.full(v.size, T), friction, np.full(v.size, 0.05)]))
     np.savetxt(
@@ -176,19 +176,34 @@ check(
     (evidence, text[:3000]),
 )
 check("dated: the next test is named", "Next test: measure the friction curve again" in text)
-levels = np.loadtxt(path(files[-1]), delimiter=",", skiprows=1)
-diagnosis_numbers.hold(
-    harness.content("dated.html"),
-    check,
-    command=f"tribotwin-report diagnosis healthy.yaml {' '.join(files)} -o dated.html --quiet --force",
-    healthy=harness.content("healthy.yaml"),
-    seen=seen,
-    watched=json.loads(run(twin, "diagnose", "watch", "healthy.yaml", *files, "--json").stdout),
-    levels=(levels[:, 1], levels[:, 3]),
-    dates=dates,
-    days=days,
-    reached=reached(seen),
-)
+
+
+def hold_numbers(name, files):
+    """Of a page of files with a date in their names, which may hold several curves each."""
+    told = json.loads(run(twin, "diagnose", "check", "healthy.yaml", *files, "--json").stdout)["observations"]
+    rows = np.loadtxt(path(files[-1]), delimiter=",", skiprows=1)
+    latest = rows[rows[:, 0] == rows[-1, 0]]
+    of_curves = [re.search(r"\d{4}-\d\d-\d\d", o["file"])[0] for o in told]
+    diagnosis_numbers.hold(
+        harness.content(name),
+        check,
+        command=f"tribotwin-report diagnosis healthy.yaml {' '.join(files)} -o {name} --quiet --force",
+        healthy=harness.content("healthy.yaml"),
+        seen=told,
+        watched=json.loads(run(twin, "diagnose", "watch", "healthy.yaml", *files, "--json").stdout),
+        levels=(latest[:, 1], latest[:, 3]),
+        dates=of_curves,
+        days=np.array([np.datetime64(d) - np.datetime64(of_curves[0]) for d in of_curves]).astype(float),
+    )
+
+
+hold_numbers("dated.html", files)
+hold_numbers("slow.html", slow)  # the threshold is ahead
+pairs = [f"pair_{date}.csv" for date in dates[:4]]
+for file, wear in zip(pairs, (0.01, 0.03, 0.06, 0.09)):
+    write(file, [(40, wear), (45, wear + 0.005)], np.random.default_rng(int(1000 * wear)))
+run(report, "diagnosis", "healthy.yaml", *pairs, "-o", "pairs.html", "--quiet")
+hold_numbers("pairs.html", pairs)
 run(report, "diagnosis", "healthy.yaml", *reversed(files), "-o", "back.html", "--quiet")
 check(
     "dated: files that go back in time have no trend, and it is said",
@@ -211,6 +226,7 @@ check(
     "threshold is exceeded. The equivalent loads do not follow a straight line" in tile and "since about" not in tile,
     tile[:3000],
 )
+hold_numbers("sudden.html", sudden)
 told = json.loads(run(twin, "diagnose", "check", "healthy.yaml", *sudden, "--json").stdout)["observations"]
 healthy = next(file for file, o in zip(sudden, told) if not o["anomalous"])
 run(report, "diagnosis", "healthy.yaml", healthy, sudden[-1], "-o", "two.html", "--quiet")
@@ -382,7 +398,8 @@ check(
 )
 faults = json.loads(run(twin, "list", "faults", "--json").stdout)
 footprints = {fault["name"]: fault["description"] for fault in faults}
-study_numbers.hold(harness.content("study/report.html"), check, whole, footprints)
+day = numbers_of_page.day_of(os.path.join(work, "study", "diagnosis.json"))
+study_numbers.hold(harness.content("study/report.html"), check, whole, footprints, day, "1.9.9")
 with open(page) as f:
     drawing = re.search(r'<svg[^>]*aria-label="joint3: ROC of wear.*?</svg>', f.read(), re.S)
 dashes = (

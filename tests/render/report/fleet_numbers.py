@@ -1,11 +1,11 @@
 """Every number outside the figures of a fleet's page, against the store, read by sqlite3, and what tribotwin fleet
-check and watch say of a listed joint. Its friction is also computed from the curves of the store, within the deviation
-of one of them."""
-import datetime, math, sqlite3
+check and watch say of the listed joints. Their friction is also computed from the curves of the store, within the
+deviation of one of them."""
+import datetime, math, re, sqlite3
 
 import numpy as np
 
-from numbers_of_page import Numbers
+from numbers_of_page import Numbers, version
 
 DAY_S, WINDOW_DAYS = 86400, 10
 EXCESS = 2.3  # healthy joints on a list over what its rate says, at most, in tests of the twin
@@ -77,20 +77,28 @@ def q_text(q):
     return "<0.0001" if q < 1e-4 else f"{q:.2g}"
 
 
-def take_head(n, p, found, change):
-    """`found`: of the only joint that is listed, by check and by watch."""
+def name_of(found):
+    return f"{found['robot']} {found['joint']}"
+
+
+def cause_of(found):
+    change = 100 * found["friction_change"]
+    return f"friction {change:+.1f} %, looks like {found['pattern']} (confidence {confidence(found['confidence'])})"
+
+
+def take_head(n, p, all_found):
+    """`all_found`: the joints that are listed, by check and by watch, first the worst."""
     silent, listed = p.joints - p.judged, [sum(kind == k for kind, _ in p.listed) for k in ("check", "watch")]
-    cause = f"friction {change:+.1f} %, looks like {found['pattern']} (confidence {confidence(found['confidence'])})"
-    name = f"{found['robot']} {found['joint']}"
+    found, several = all_found[0], len(all_found) > 1
     n.take(
         "verdict",
-        f"1 of {joints_text(p.judged)} needs a look: {name}, {cause}, since {found['since']}. "
+        f"{len(all_found)} of {joints_text(p.judged)} {'need' if several else 'needs'} a look: "
+        f"{'first ' if several else ''}{name_of(found)}, {cause_of(found)}, since {found['since']}. "
         f"{joints_text(silent)} has no verdict.",
     )
-    n.match(
+    n.take(
         "identity",
-        rf"the {WINDOW_DAYS} days to {day(p.end)} · {p.joints} joints of {p.robots} robots · tribotwin [\d.]+\n",
-        lambda: True,
+        f"the {WINDOW_DAYS} days to {day(p.end)} · {p.joints} joints of {p.robots} robots · tribotwin {version()}\n",
     )
     rate = p.checks[0][3]
     healthy = rate * sum(listed)
@@ -105,35 +113,49 @@ def take_head(n, p, found, change):
     n.take("without verdict", f"without verdict\n{silent}\n")
     n.take("curves", f"curves\n{p.curves}\nof these {WINDOW_DAYS} days\n")
     n.take("silent", f"{joints_text(silent)} without verdict: no curve in these {WINDOW_DAYS} days.")
-    n.take("what to do", f"What to do: {name}: {found['advice']}.")
-    n.take("its own part", f"1. {name}\n", cause[0].upper() + cause[1:] + ". ")
+    n.take("what to do", f"What to do: {name_of(found)}: {found['advice']}.")
     n.take("list by itself", f"made at the false-discovery rate of {100 * rate:g} %; q is")
 
 
-def take_row(n, found, change):
+def take_row(n, rank, found):
     margin = "{value:.3f} ({low:.3f} … {high:.3f})".format(**found["margin"])
-    row = ["1", found["robot"], found["joint"], f"{change:+.1f}\xa0%", found["pattern"]]
+    row = [str(rank), found["robot"], found["joint"], f"{100 * found['friction_change']:+.1f}\xa0%", found["pattern"]]
     row += [f"{100 * found['severity']:.0f} %", margin, q_text(found["q"]), found["since"], "both", found["advice"]]
     n.take("row", "\n".join(row) + "\n")
 
 
-def hold(page, check, store, found):
-    """Of a page with one listed joint: `found`, as fleet check --json has it, with `since` of watch."""
-    n, p = Numbers(page, check), Plant(store)
+def take_part(check, part, p, rank, found):
+    """What is said of one of them below."""
+    n, cause = Numbers(f"<main>{part}</main>", check), cause_of(found)
     computed, deviation, curves = p.friction(found["robot"], found["joint"])
     change = 100 * found["friction_change"]  # of a joint's healthy state, which weighs curves otherwise
     check("number: friction is that of the store's curves", abs(change - computed) < deviation, (change, computed))
-    take_head(n, p, found, change)
-    take_row(n, found, change)
-    n.take(
-        "lists", f"check judges the mean of the last {WINDOW_DAYS} days", f"Mean over the {WINDOW_DAYS} days against"
-    )
+    n.take("its own part", f"{rank}. {name_of(found)}\n", cause[0].upper() + cause[1:] + ". ")
     n.take(
         "friction",
         f"against the mean of this joint's {curves} healthy curves at its temperature. The strip: ± 2 standard "
         f"deviations of one healthy curve ({deviation:.1f} %).",
     )
     n.take("since", f"Listed by the chart since {found['since']}.")
+    n.take("the strip", "the strip is ± 2.")
+    n.finish("fleet, " + name_of(found))
+
+
+def hold(page, check, store, all_found):
+    """`all_found`: the listed joints as fleet check --json has them, with `since` of watch; each is on both lists."""
+    p = Plant(store)
+    first, *parts = re.split(r"(?=<h3[^>]*>\d+\. )", page[page.index("<main>") : page.index("</main>")])
+    parts[-1], rest = re.split("(?=<h2)", parts[-1], maxsplit=1)
+    check("fleet: a part of each listed joint", len(parts) == len(all_found), len(parts))
+    for rank, (part, found) in enumerate(zip(parts, all_found), 1):
+        take_part(check, part, p, rank, found)
+    n = Numbers(first + rest + "</main>", check)
+    take_head(n, p, all_found)
+    for rank, found in enumerate(all_found, 1):
+        take_row(n, rank, found)
+    n.take(
+        "lists", f"check judges the mean of the last {WINDOW_DAYS} days", f"Mean over the {WINDOW_DAYS} days against"
+    )
     n.take("heading", f"Curves of these {WINDOW_DAYS} days")
     for name, *numbers in p.files:
         n.take("file", "\n".join(map(str, [name, *numbers])) + "\n")
@@ -141,5 +163,5 @@ def hold(page, check, store, found):
         listed = sum(k == kind for k, _ in p.listed)
         n.take("earlier check", "\n".join([day(time_s), kind, str(judged), str(listed), f"{100 * rate:g} %"]) + "\n")
     # What is no measured number: the share of an interval, the width of a strip, the level of a threshold.
-    n.take("words", "margin (95 %)", "the strip is ± 2.", "below 0 it is exceeded")
+    n.take("words", "margin (95 %)", "below 0 it is exceeded")
     n.finish("fleet")

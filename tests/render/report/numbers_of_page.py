@@ -1,6 +1,6 @@
 """Every number of a page, outside its figures, is one that a test has computed itself. `take` removes what is expected;
 what is left must have none."""
-import datetime, html, math, os, re, subprocess
+import datetime, functools, html, math, os, re, subprocess, sys
 
 
 def text_of(page):
@@ -81,8 +81,24 @@ def digits(value, count):
     return f"{value:.{max(0, count - 1 - math.floor(math.log10(abs(value))))}f}"
 
 
+def day_of(*files):
+    """On which the newest was written (UTC)."""
+    newest = datetime.datetime.fromtimestamp(max(map(os.path.getmtime, files)), datetime.timezone.utc)
+    return f"{newest:%Y-%m-%d}"
+
+
+@functools.cache
+def version(program=None):
+    """Of a program; of tribotwin, which is the first argument of these tests, where none is named."""
+    said = subprocess.run([program or sys.argv[1], "--version"], capture_output=True, text=True).stdout
+    return said.split()[1].rstrip(",")
+
+
+def engine_of(campaign):
+    """That simulated it, by the first line of the text of its campaign.yaml."""
+    return re.match(r"# MuJoCo ([\d.]+),", campaign)[1]
+
+
 def take_identity(n, program, *files):
     """The end of the page's second line: the day on which the newest file was written, and the program's version."""
-    day = datetime.datetime.fromtimestamp(max(map(os.path.getmtime, files)), datetime.timezone.utc)
-    version = subprocess.run([program, "--version"], capture_output=True, text=True).stdout.split()[1].rstrip(",")
-    n.take("identity", f"newest file written {day:%Y-%m-%d} · page made with tribotwin {version}\n")
+    n.take("identity", f"newest file written {day_of(*files)} · page made with tribotwin {version(program)}\n")

@@ -124,6 +124,7 @@ for names in (("resting", "little"), ("little", "resting")):
 shutil.copytree(path("two"), path("strong"))
 s = json.loads(content("strong/summary.json"))
 s["joints"][0]["temperature_degC"].update(start=25, end=40, max=40)
+s["joints"][0]["friction_nm"]["rms"] = 12345.6
 s["friction_work_J"], s["motor_work_J"] = 1.2344e9, 1e8
 write("strong/summary.json", json.dumps(s))
 with h5py.File(path("strong/telemetry.h5"), "r+") as f:
@@ -138,6 +139,58 @@ check(
     read[:1200],
 )
 check("so are its works", "1234 MJ" in read and "1234 % of 100 MJ motor work" in read, read[:1200])
+check("so is its friction", "\n12346\n" in read, read[:4000])
+compared("two", "strong")
+read = text_of(content("compared.html"))
+check("so are the works of a comparison", "\n1234400\n" in read and "\n100000\n" in read, read[:4000])
+check("and its friction", "\n12346\n" in read, read[:4000])
+
+# Differences of mean friction power have what single work cycles scatter by, where that is known.
+run(twin, "run", "two.yaml", "-o", "long", "--quiet", "--set", "duration_s=40")
+random, powers = np.random.default_rng(7), {}
+for folder, level_W in (("calm", 20), ("loud", 23)):
+    shutil.copytree(path("long"), path(folder))
+    with h5py.File(path(folder, "telemetry.h5"), "r+") as f:
+        power = f["hinge/cycle_friction_power_W"]
+        power[0] = level_W + 9  # from rest: no scatter
+        power[1:] = level_W + np.linspace(0, -4, power.size - 1) + random.normal(0, 0.3, power.size - 1)
+        powers[folder] = power[:]
+check("enough cycles scatter", powers["calm"].size >= 8, powers["calm"].size)
+off = [(p[1:-2] + p[3:]) / 2 - p[2:-1] for p in powers.values()]
+scatter = np.sqrt(sum(np.mean(x**2) / 1.5 for x in off))
+a, b = (np.mean(p) for p in powers.values())
+compared("calm", "loud")
+read = text_of(content("compared.html"))
+wanted = f"hinge: friction power [W]\n{a:.4g}\n{b:.4g}\n{b - a:+.3g} ± {scatter:.2g} W, {100 * (b / a - 1):+.1f} %\n"
+check(
+    "a difference of powers has its scatter", wanted in read and "± is the standard deviation" in read, (wanted, read)
+)
+compared("on", "less")
+read = text_of(content("compared.html"))
+check("without work cycles there is none, and it is said", "No ±: too few" in read and "power [W]" not in read, read)
+with h5py.File(path("on/telemetry.h5")) as f:
+    time, friction = f["time_s"][:], f["hinge/friction_nm"][:]
+window = np.minimum(9 * (time - time[0]) // np.ptp(time), 8)  # nine windows of five samples or more
+rms = [np.sqrt(np.mean(friction[window == k] ** 2)) for k in range(9)]
+data = [json.loads(html.unescape(d)) for d in re.findall(r'data-figure="([^"]*)"', content("compared.html"))]
+drawn = next(d["series"][0]["y"] for d in data if d["y"]["quantity"] == "friction, RMS")
+check("a short run has windows with samples", len(drawn) == 9 and np.allclose(drawn, rms, rtol=1e-3), (drawn, rms))
+check("and says how long they are", "root mean square over 0.05 s." in read and "over 0.00 s" not in read, read)
+
+# Motors that brake more than they drive do no work that friction could have a share of, nor one with a ratio.
+for folder, motor_J in (("braked", -12.3), ("driven", 40)):
+    shutil.copytree(path("on"), path(folder))
+    s = json.loads(content(folder + "/summary.json"))
+    s["friction_work_J"], s["motor_work_J"] = 5, motor_J
+    write(folder + "/summary.json", json.dumps(s))
+run(report, "braked", "-o", "braked.html", "--quiet")
+read = text_of(content("braked.html"))
+said = "friction takes 5 J, while the motors brake more than they drive, by 12.3 J."
+check("motors that brake are said to", said in read and "% of -12.3 J" not in read, read[:1200])
+compared("braked", "driven")
+read = text_of(content("compared.html"))
+check("no ratio of works with two signs", "\n-12.3 J → 40 J\n+52.3 J\n" in read, read[:3000])
+check("nor in the table", "motor work [kJ]\n-0.0123\n0.04\n+0.0523 kJ\n" in read, read[:3000])
 
 # A summary of an early version has no checks: nothing is known, which is not green.
 shutil.copytree(path("on"), path("early"))
@@ -151,6 +204,16 @@ check(
     said["light"] == "Amber" and "its summary has no checks" in said["rule"] and "again" in said["action"],
     said,
 )
+said = compared("on", "early")
+check(
+    "so is a comparison with it, which names it",
+    said["light"] == "Amber"
+    and "the health of early is not known" in said["rule"]
+    and said["action"].startswith("run early again"),
+    said,
+)
+said = compared("on", "less")
+check("one of runs with checks is green", said["light"] == "Green", said)
 
 # A slide beside a hinge: the figure of one joint has that joint's unit.
 write("mixed.xml", several(["hinge", "wrist"]).replace('name="wrist"', 'name="wrist" type="slide"'))

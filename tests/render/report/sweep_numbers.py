@@ -1,12 +1,13 @@
-"""Every number outside the figures of a sweep's page, computed from its results.csv, campaign.yaml and bands.csv; the
-interval of a standard deviation alone is that of statistics.json (tests/twin/experiments/sweep holds it)."""
-import csv, json, math, os
+"""Every number outside the figures of a sweep's page, also of a grid of two factors, computed from its results.csv,
+campaign.yaml and bands.csv; the interval of a standard deviation alone is that of statistics.json
+(tests/twin/experiments/sweep holds it)."""
+import csv, glob, json, math, os, re
 
 import numpy as np
 from scipy import stats
 import yaml
 
-from numbers_of_page import Numbers, number
+from numbers_of_page import Numbers, day_of, engine_of, number, version
 
 
 def shown(value, uncertainty):
@@ -29,6 +30,9 @@ class Output:
 
     def quantile(self, p):
         return np.quantile(self.values, p, method="weibull")  # the p (n + 1)-th value
+
+    def largest(self):
+        return self.words if self.words.startswith("largest ") else "largest " + self.words
 
     def mean_text(self):
         return f"{shown(self.mean, self.half)} {self.unit}"
@@ -53,6 +57,7 @@ def quadratic(factors, z):
 class Sweep:
     def __init__(self, folder, names):
         """`names`: words and unit of each column of an output."""
+        self.folder = folder
         with open(os.path.join(folder, "results.csv")) as f:
             self.rows = list(csv.DictReader(f))
         with open(os.path.join(folder, "campaign.yaml")) as f:
@@ -75,15 +80,19 @@ class Sweep:
         return sorted(self.rows, key=lambda row: -float(row[key]))[:5]
 
 
+def take_identity(n, sweep, design):
+    files = [*glob.glob(sweep.folder + "/*.json"), *glob.glob(sweep.folder + "/*.csv")]
+    with open(os.path.join(sweep.folder, "campaign.yaml")) as f:
+        engine = engine_of(f.read())
+    runs = f"{len(sweep.rows)} runs of scenario.yaml: {design}"
+    n.take("identity", f"\n{day_of(*files)} · {runs} · tribotwin {version()} · MuJoCo {engine}\n")
+
+
 def take_head(n, sweep):
     runs, design = len(sweep.rows), sweep.campaign["design"]
     first_key, first = next(iter(sweep.outputs.items()))
     name, (r, low, high) = sweep.strongest(first_key)
-    n.match(
-        "identity",
-        r"\n[\d-]+ · (\d+) runs of scenario.yaml: Sobol' sequence, seed (\d+) · tribotwin [\d.]+ · " r"MuJoCo [\d.]+\n",
-        lambda *said: [int(x) for x in said] == [runs, design["seed"]],
-    )
+    take_identity(n, sweep, f"Sobol' sequence, seed {design['seed']}")
     n.take(
         "verdict",
         f"is {first.mean_text()} (95 %: {first.ends}) over {runs} runs, which lie between "
@@ -121,7 +130,7 @@ def take_worst(n, sweep):
             named.add(int(row["run"]))
             value = f"{shown(float(row[key]), o.span / 20)} {o.unit}"
             factors = [f"{float(row[factor]):.5g}" for factor in sweep.factors]
-            n.take("worst run", "\n".join([f"largest {o.words}", row["run"], value, *factors]) + "\n")
+            n.take("worst run", "\n".join(["", o.largest(), row["run"], value, *factors]) + "\n")
     return sorted(named)
 
 
@@ -161,3 +170,89 @@ def hold(page, check, folder, relative, names):
     n.take("words", "+1 where the output always rises with the factor, -1 where", "Whiskers: 95 % intervals.")
     n.take("notes", "intervals are 95 % as of independent draws")
     n.finish("sweep")
+
+
+class Grid:
+    """Of all combinations of two factors."""
+
+    def __init__(self, folder, names):
+        self.folder = folder
+        with open(os.path.join(folder, "results.csv")) as f:
+            self.rows = list(csv.DictReader(f))
+        with open(os.path.join(folder, "campaign.yaml")) as f:
+            self.campaign = yaml.safe_load(f)
+        self.factors = {key: list(map(str, values)) for key, values in self.campaign["factors"].items()}
+        self.outputs = {key: Output(*name, [float(row[key]) for row in self.rows]) for key, name in names.items()}
+
+    def strongest(self, key):
+        """The factor with the largest total Sobol' index, the share of the variance that is left where the other factor
+        is known; of a grid there is nothing to estimate."""
+        first, second = self.factors
+        cells = {(row[first], row[second]): float(row[key]) for row in self.rows}
+        z = np.array([[cells[a, b] for b in self.factors[second]] for a in self.factors[first]])
+        totals = {first: np.mean(np.var(z, axis=0)) / np.var(z), second: np.mean(np.var(z, axis=1)) / np.var(z)}
+        return max(totals.items(), key=lambda total: total[1])
+
+    def worst(self, key):
+        return sorted(self.rows, key=lambda row: -float(row[key]))[: min((len(self.rows) + 3) // 4, 5)]
+
+
+def four(value):
+    """So many digits, where nothing says how sure they are."""
+    return f"{value:.{max(0, 3 - math.floor(math.log10(abs(value))))}f}"
+
+
+def take_grid_head(n, grid):
+    runs, (key, o) = len(grid.rows), next(iter(grid.outputs.items()))
+    name, total = grid.strongest(key)
+    take_identity(n, grid, "full grid")
+    n.take(
+        "verdict",
+        f"The mean of {o.words} is {four(o.mean)} {o.unit} over {runs} runs, which lie between {shown(o.low, o.span)} "
+        f"and {shown(o.high, o.span)} {o.unit}; of the factors, {name} matters most (total Sobol' index {total:.2f}).",
+    )
+    n.take("runs", f"\nruns\n{runs} of {grid.campaign['runs']}\nall there; 0 failed, 0 warned\n")
+    for o in grid.outputs.values():
+        n.take("tile: " + o.words, f"\nmean of {o.words}\n{four(o.mean)} {o.unit}\nof all combinations\n")
+    if len(grid.outputs) == 1:
+        n.take("tile: factors", f"\nfactors\n{len(grid.factors)}\nthat the plan sets\n")
+
+
+def take_grid_outputs(n, grid):
+    shares = ("2.5", "25", "50", "75", "97.5")
+    header = [("median" if p == "50" else p + "\xa0%") for p in shares]
+    n.take("columns", "\n".join(["\nmean", "95 %", "deviation", *header, "range\n"]))
+    for o in grid.outputs.values():
+        fine = lambda x: shown(x, o.span / 20)
+        quantiles = [fine(o.quantile(float(p) / 100)) for p in shares]
+        row = [f"{o.words} [{o.unit}]", fine(o.mean), "–", fine(o.deviation), *quantiles]
+        n.take("row: " + o.words, "\n".join([*row, f"{fine(o.low)} … {fine(o.high)}\n"]))
+        n.take(
+            "distribution: " + o.words,
+            f"Mean {four(o.mean)} {o.unit}. Standard deviation {four(o.deviation)} {o.difference_unit}. Quantiles: "
+            "2.5 %, 25 %, 75 %, 97.5 %.",
+        )
+
+
+def hold_grid(page, check, folder, relative, names):
+    """As hold, of a sweep over a grid of two factors of which all runs are there."""
+    n, grid = Numbers(page, check), Grid(folder, names)
+    runs, named = len(grid.rows), set()
+    take_grid_head(n, grid)
+    take_grid_outputs(n, grid)
+    for key, o in grid.outputs.items():
+        for row in grid.worst(key):
+            named.add(int(row["run"]))
+            value = f"{shown(float(row[key]), o.span / 20)} {o.unit}"
+            n.take("worst run", "\n".join(["", o.largest(), row["run"], value, *map(row.get, grid.factors)]) + "\n")
+    for run in sorted(named):
+        n.take(f"run {run} again", f"tribotwin sweep {relative}/campaign.yaml --run {run} -o {relative}_run{run}")
+    n.take("over factors", f"{runs} runs; the other factors vary as well.")
+    if "bands" in grid.campaign:
+        n.take("bands", f"Quantiles over {runs} runs at each of {grid.campaign['bands']['times']} times;")
+    with open(os.path.join(folder, "campaign.yaml")) as f:
+        n.take("campaign.yaml", f.read().replace(os.path.dirname(os.path.dirname(folder)) + "/", ""))
+    for key in grid.factors:
+        if re.search(r"\d", key):  # a name is no number
+            n.take("factor " + key, key)
+    n.finish("grid")

@@ -7,7 +7,7 @@ import fleet_numbers
 import harness
 from fleet_plant import HEADER, Plant
 from harness import check, check_refused, content, finish, path, work
-from numbers_of_page import text_of
+from numbers_of_page import day_of, text_of
 from pendulum import PENDULUM
 import sweep_numbers
 
@@ -53,6 +53,11 @@ r = run(report, "sweep", "runs/small", "--png")
 check("sweep: the page is written", r.returncode == 0 and r.stdout.endswith("runs/small/report.html\n"), r)
 m = check_page("sweep", path("runs/small/report.html"), 0, len(os.listdir(path("runs/small/report_figures"))))
 text = m["text"] if m else ""
+days = set()
+for zone in ("UTC-14", "UTC+12"):  # at any time one of them has another day than UTC
+    r = harness.run(report, "sweep", "runs/small", "-o", "zone.html", "--force", env={**os.environ, "TZ": zone})
+    days.add(opening(content("zone.html"))["identity"].split(" · ")[0])
+check("sweep: its day is that of UTC, as on other pages", days == {day_of(path("runs/small/results.csv"))}, days)
 statistics = json.loads(content("runs/small/statistics.json"))
 heat = statistics["outputs"]["heat_J"]
 said = verdict("runs/small/report.html")
@@ -223,6 +228,24 @@ check(
     "grid: total Sobol' index, no interval",
     m and "total Sobol' index" in m["text"] and "Each cell is one run" in m["text"],
 )
+sweep_numbers.hold_grid(
+    content("runs/grid/report.html"), check, path("runs/grid"), "runs/grid", {"heat": ("heat", "J")}
+)
+write(
+    "plane.yaml",
+    "scenario: scenario.yaml\nset: {duration_s: 1}\nfactors:\n  drives.hinge.Fc0: [0.02, 0.03, 0.04, 0.05]\n"
+    "  motion.speed_rad_s: [1, 1.5, 2]\ndesign: {type: grid}\noutputs: [heat_J, max_abs(hinge.friction_nm)]\n"
+    "bands: {telemetry: [hinge.friction_nm], times: 11}\n",
+)
+run(twin, "sweep", "plane.yaml", "-o", "runs/plane", "--quiet")
+run(report, "sweep", "runs/plane")
+sweep_numbers.hold_grid(
+    content("runs/plane/report.html"),
+    check,
+    path("runs/plane"),
+    "runs/plane",
+    {"heat_J": ("friction heat", "J"), "max_abs(hinge.friction_nm)": ("largest friction of hinge", "Nm")},
+)
 write("wide.yaml", PLAN.replace("[0.03, 0.002]", "[0.01, 0.02]").replace("type: sobol", "type: random"))
 run(twin, "sweep", "wide.yaml", "-o", "runs/wide", "--quiet")
 failed = [row for row in csv.DictReader(open(path("runs", "wide", "results.csv"))) if row["status"] == "failed"]
@@ -318,7 +341,7 @@ check(
     "{value:.3f} ({low:.3f} … {high:.3f})".format(**first["margin"]) in text and first["advice"] in text,
     (first, text[:2000]),
 )
-fleet_numbers.hold(content("plant.html"), check, path("plant.db"), {**first, "since": since})
+fleet_numbers.hold(content("plant.html"), check, path("plant.db"), [{**first, "since": since}])
 check("fleet: what was imported", re.search(r"week.csv\t273\t20\t0", text), text[-1500:])
 check("fleet: earlier checks", re.search(rf"{told['date']}\tcheck\t39\t1\t5 %", text), text[-1500:])
 
@@ -336,6 +359,20 @@ m = check_page("fleet without a listed joint", path("good.html"), 0, 1, widths=(
 check(
     "nothing listed is said", verdict("good.html").startswith("None of 38 joints needs a look."), verdict("good.html")
 )
+
+# Listed joints of several robots.
+worn = Plant(20)
+worn.write(path("healthy_too.csv"), 14)
+week = worn.rows(7, {("R0003", "joint2"): 0.2, ("R0007", "joint3"): 0.15, ("R0011", "joint2"): 0.3})
+write("worn.csv", "\n".join([HEADER] + [row for row in week if not row.startswith("R0005,joint3")]) + "\n")
+run(twin, "fleet", "learn", "healthy_too.csv", "-o", "worn.db", "--quiet")
+told = json.loads(run(twin, "fleet", "check", "worn.csv", "-o", "worn.db", "--json").stdout)["joints"]
+watched = json.loads(run(twin, "fleet", "watch", "-o", "worn.db", "--json").stdout)["joints"]
+since = {(j["robot"], j["joint"]): j["since"] for j in watched}
+check("fleet: three are listed, by check and by watch", len(told) == 3 and len(since) == 3, (told, watched))
+run(report, "fleet", "worn.db")
+found = [{**j, "since": since.get((j["robot"], j["joint"]))} for j in told]
+fleet_numbers.hold(content("worn.html"), check, path("worn.db"), found)
 
 # More joints than have room: the one that is listed is not among those left out.
 many = Plant(8, [f"joint{k}" for k in range(1, 15)])  # joint9 is the last by name

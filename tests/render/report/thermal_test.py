@@ -36,6 +36,29 @@ def recording(name, seed, watts, hours=12.0, faulty_from_s=np.inf):
     np.savetxt(path(name), np.column_stack(columns), delimiter=",", header=",".join(head), comments="")
 
 
+def linked(name, seed, watts, bodies=None):
+    """12 hours of a chain of three joints, which exchange heat at 4e-4 1/s; with `bodies`, gain [K/J] and time constant
+    [s] of each, of one joint with these. Work in waves that come later in later joints, 20 mK of noise."""
+    fine_s, every, noise = 2.0, int(STEP_S / 2), np.random.default_rng(seed)
+    time_s = np.arange(0, 12 * 3600, fine_s)
+    waves = [np.where((time_s + 1500 * k) % 9000 < 6000, np.sin(np.pi * ((time_s + 1500 * k) % 9000) / 6000) ** 2, 0)
+             for k in range(len(watts))]  # fmt: skip
+    power = np.array(watts)[:, None] * waves
+    chain = {"shoulder": (6e-4, 1500.0), "elbow": (4e-4, 2500.0), "wrist": (9e-4, 900.0)}
+    gain, t_s = np.array(bodies or list(chain.values())).T
+    rise = np.zeros((len(t_s), time_s.size))
+    for i in range(1, time_s.size):
+        last = rise[:, i - 1]
+        flow = np.zeros(0) if bodies else 4e-4 * np.diff(last)
+        exchanged = 0 if bodies else np.append(flow, 0) - np.append(0, flow)
+        rise[:, i] = last + fine_s * (gain * (power[:, i] + power[:, i - 1]) / 2 - last / t_s + exchanged)
+    columns, head = [time_s[::every]], ["time_s"]
+    for joint, watt, own in zip(["elbow"] if bodies else chain, power, [rise.sum(axis=0)] if bodies else rise):
+        columns += [watt[::every], 21 + own[::every] + noise.normal(0, 0.02, columns[0].size)]
+        head += [f"power_{joint}_w", f"temperature_{joint}_degC"]
+    np.savetxt(path(name), np.column_stack(columns), delimiter=",", header=",".join(head), comments="")
+
+
 def digits(v, count):
     """As the page rounds: so many digits, and all before the point."""
     return round(v, max(0, count - 1 - math.floor(math.log10(abs(v)))))
@@ -246,6 +269,38 @@ check(
     r.returncode == 0 and rows(content("chain.html"), "all")[0][1] == "exchange",
     r,
 )
+
+hold_numbers("chain.html", "chain.yaml", [], "monday.csv")
+linked("linked.csv", 6, (30, 20, 10))
+linked("next.csv", 7, (20, 30, 15))
+r = run(twin, "thermal", "linked.csv", "--chain", "-o", "linked.yaml", "--quiet")
+noise_K = float(re.search(r"white_K: ([\d.]+)", content("linked.yaml"))[1])
+check("a chain: its band has the noise of the samples, 20 mK, and no warming", abs(noise_K / 0.02 - 1) < 0.1, noise_K)
+for name, given in (("linked", []), ("next", ["next.csv"]), ("both", ["linked.csv", "next.csv"])):
+    run(report, "thermal", "linked.yaml", *given, "-o", name + ".html")
+    hold_numbers(name + ".html", "linked.yaml", given, *(given or ["linked.csv"]))
+
+# Models of several days, which show how surroundings vary: one by one, and in a chain.
+for name, chain, days in (
+    ("several", [], ["monday.csv", "tuesday.csv"]),
+    ("chains", ["--chain"], ["linked.csv", "next.csv"]),
+):
+    run(twin, "thermal", *days, *chain, "-o", name + ".yaml", "--quiet")
+    check(name + ": of two days", "days: 2" in content(name + ".yaml"), content(name + ".yaml"))
+    run(report, "thermal", name + ".yaml", "-o", name + ".html")
+    hold_numbers(name + ".html", name + ".yaml", [], *days)
+linked("third.csv", 10, (25, 10, 20))
+run(report, "thermal", "chains.yaml", "third.csv", "-o", "third.html")
+hold_numbers("third.html", "chains.yaml", ["third.csv"], "third.csv")
+
+# Two bodies in one joint.
+bodies = [(1.2e-3, 400.0), (3e-4, 3500.0)]
+linked("two.csv", 8, (20,), bodies)
+linked("hotter.csv", 9, (30,), bodies)
+run(twin, "thermal", "two.csv", "--order", "2", "--rested", "-o", "two.yaml", "--quiet")
+for name, given in (("two", []), ("hotter", ["hotter.csv"])):
+    run(report, "thermal", "two.yaml", *given, "-o", name + ".html")
+    hold_numbers(name + ".html", "two.yaml", given, *(given or ["two.csv"]))
 
 # Wrong input.
 refused = lambda name, *arguments, says: check_refused(name, run(report, "thermal", *arguments, "-o", "x.html"), says)

@@ -218,7 +218,7 @@ void mark_independent(StoredSweep& s) {
   for (StoredRun& run : s.runs) run.counts = design.independent(run.number);
 }
 
-/// The time of the newest file.
+/// The day of the newest file (UTC).
 std::string date_of(const fs::path& directory) {
   fs::file_time_type newest = fs::file_time_type::min();
   std::error_code error;
@@ -229,9 +229,9 @@ std::string date_of(const fs::path& directory) {
   if (newest == fs::file_time_type::min()) return {};  // no run yet
   const auto age = std::chrono::duration_cast<std::chrono::seconds>(fs::file_time_type::clock::now() - newest);
   const std::time_t at = std::time(nullptr) - age.count();
-  std::tm local{};
-  localtime_r(&at, &local);
-  return fmt::format("{:04}-{:02}-{:02}", 1900 + local.tm_year, 1 + local.tm_mon, local.tm_mday);
+  std::tm day{};
+  gmtime_r(&at, &day);
+  return fmt::format("{:04}-{:02}-{:02}", 1900 + day.tm_year, 1 + day.tm_mon, day.tm_mday);
 }
 
 }  // namespace

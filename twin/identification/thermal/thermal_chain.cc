@@ -342,16 +342,20 @@ std::vector<Lacking> judged(const ThermalChainFit& fit, std::span<const JointHea
   return lacking(evidence, thermal_advice(evidence.recorded_s));
 }
 
-/// Noise of samples whose means were fitted to `rms_K`: with what the means took, by differences of neighbours.
+/// Noise of samples whose means were fitted to `rms_K`: with what the means took, by how far samples are from the
+/// straight line between their neighbours (Gasser, Sroka and Jennen-Steinmetz 1986), so that warming is no noise.
 double noise_of_samples(std::span<const JointHeat> joints, double rms_K) {
   double taken = 0, count = 0;
   for (const JointHeat& joint : joints)
     for (const HeatSession& s : joint.sessions) {
-      const double share = 1 - 1 / static_cast<double>(group_of(s.temperature_degC.size(), max_samples));
-      for (std::size_t i = 1; i < s.temperature_degC.size(); ++i, ++count)
-        taken += share * std::pow(s.temperature_degC[i] - s.temperature_degC[i - 1], 2) / 2;
+      const auto &t = s.time_s, &T = s.temperature_degC;
+      const double share = 1 - 1 / static_cast<double>(group_of(T.size(), max_samples));
+      for (std::size_t i = 1; i + 1 < T.size(); ++i, ++count) {
+        const double b = (t[i] - t[i - 1]) / (t[i + 1] - t[i - 1]), a = 1 - b;
+        taken += share * std::pow(T[i] - a * T[i - 1] - b * T[i + 1], 2) / (1 + a * a + b * b);
+      }
     }
-  return std::sqrt(rms_K * rms_K + taken / count);
+  return std::sqrt(rms_K * rms_K + (count > 0 ? taken / count : 0));
 }
 
 }  // namespace

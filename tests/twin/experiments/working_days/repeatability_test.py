@@ -160,6 +160,7 @@ if report:
         and "longer days" in said["action"],
         said,
     )
+    days_numbers.hold(open(f"{work}/late/report.html").read(), check, f"{work}/late", source, "mjcf/er3a_c60.xml")
     r = run("days", "days", which=report)
     check("page", r.returncode == 0 and r.stdout.strip() == "days/report.html", (r.stdout, r.stderr))
     page = open(f"{work}/days/report.html").read()
@@ -170,6 +171,13 @@ if report:
         said,
     )
     days_numbers.hold(page, check, f"{work}/days", source, "mjcf/er3a_c60.xml")
+    # Two robots over three days: a day after a change is compared with those before it, of this robot alone.
+    plant = ("robots=2", "days=3", "faults.0.robot=2")
+    r = run("lab", "days.yaml", "-o", "plant", "--quiet", *(word for s in plant for word in ("--set", s)))
+    check("two robots over three days", r.returncode == 0, r.stderr)
+    r = run("days", "plant", "--quiet", which=report)
+    check("their page", r.returncode == 0, r.stderr)
+    days_numbers.hold(open(f"{work}/plant/report.html").read(), check, f"{work}/plant", source, "mjcf/er3a_c60.xml")
     campaign = open(f"{work}/days/campaign.yaml").read()
     with open(f"{work}/days/campaign.yaml", "w") as f:
         f.write(re.sub(r"^# MuJoCo [^,]*,", "# MuJoCo 1.9.9,", campaign))

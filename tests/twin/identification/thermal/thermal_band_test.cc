@@ -129,10 +129,13 @@ TEST(ThermalBand, OfAChainHoldsItsOwnDayOfManySamples) {
                            .t_s = {2500, 2000, 1500},
                            .ambient_degC = {24, 25, 26},
                            .exchange_1_s = 3e-4};
-  const auto day = chain_day(truth, 4, {.white_K = 0.05}, random, 2);
-  const auto fit = fit_thermal_chain(day);
-  ASSERT_TRUE(fit) << fit.error().message;
-  EXPECT_NEAR(fit->uncertainty->noise.white, 0.05, 0.005);
+  // From one sample to the next joints warm by 4 mK, or by more than their noise.
+  for (const auto& [step_s, white_K] : {std::pair{2.0, 0.05}, {10.0, 0.01}}) {
+    const auto day = chain_day(truth, 4, {.white_K = white_K}, random, step_s);
+    const auto fit = fit_thermal_chain(day);
+    ASSERT_TRUE(fit) << fit.error().message;
+    EXPECT_NEAR(fit->uncertainty->noise.white, white_K, 0.1 * white_K) << step_s;
+  }
 }
 
 TEST(ThermalBand, IsTheSameFromAFile) {
