@@ -39,7 +39,7 @@ std::string message(std::string_view text, std::size_t length, std::string_view 
 }
 
 /// Without control characters but those of bold(), where the output is coloured.
-std::string printable(std::string_view text) {
+std::string with_own_styles(std::string_view text) {
   std::string out;
   while (coloured(Stream::output) && !text.empty()) {
     const auto begin = std::min(text.find(thick), text.find(plain));
@@ -93,7 +93,7 @@ const std::string& held_error() { return last_error; }
 void print_text(std::string_view text) {
   if (held_back) return;
   erase_progress();
-  if (stdout_error == 0) stdout_error = write_all(STDOUT_FILENO, printable(text));
+  if (stdout_error == 0) stdout_error = write_all(STDOUT_FILENO, with_own_styles(text));
 }
 
 std::string bold(std::string_view text, Stream stream) {
