@@ -44,9 +44,15 @@ namespace {
 /// As the library writes it, and DEL escaped like all other control characters: only texts have any.
 template <class Json>
 std::string dump(const Json& value, int indent) {
-  std::string text = value.dump(indent, ' ', false, Json::error_handler_t::replace);
-  for (std::size_t at = 0; (at = text.find('\x7f', at)) != text.npos;) text.replace(at, 1, "\\u007f");
-  return text;
+  const std::string text = value.dump(indent, ' ', false, Json::error_handler_t::replace);
+  std::string out;
+  out.reserve(text.size());
+  for (std::size_t at = 0;;) {
+    const std::size_t end = text.find('\x7f', at);
+    out.append(text, at, end - at);
+    if (end == text.npos) return out;
+    out += "\\u007f", at = end + 1;
+  }
 }
 
 }  // namespace

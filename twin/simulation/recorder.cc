@@ -142,7 +142,7 @@ void happen(Twin& twin, Recorder* recorder, YAML::Node node, double duration_s) 
   const std::string type = Mapping("an event", "", node).text("type");
   node["time_s"] = twin.time_s();
   Event event = read_event(Mapping(type, "", node), *twin.scenario().model, duration_s);
-  if (recorder) or_wrong_input(recorder->add_event(node));
+  if (recorder) or_throw(recorder->add_event(node));
   twin.happen(std::move(event));
 }
 

@@ -128,7 +128,7 @@ class Chooser {
     return {};
   }
 
-  /// Narrower ones as long as ends and rests leave half of the samples.
+  /// Narrower ones as long as ends, rests and reversals leave half of the samples.
   void set_cutoffs(const JointMotion& widest) {
     cutoffs_ = {widest.cutoff_hz};
     if (decided_.cutoff_hz) return;
@@ -229,6 +229,8 @@ class Chooser {
     if (signals == out_.setting.signals && motion_.direction.rows() == regressor_.rotors()) return motion_;
     auto motion = prepared(signals);
     if (!motion) return motion;
+    if (motion->reversals != signals.reversals)
+      return tl::unexpected(Error("leaves hardly any samples of a joint that turns often"));
     if (motion->time_s != target_.motion.time_s)
       return tl::unexpected(Error("leaves other samples than those that errors are compared in"));
     return motion;

@@ -25,9 +25,9 @@ struct DesignParameter {
 
 /// What motions tell about base parameters and friction together: the information matrix, sum of w^2 r r' over the rows
 /// r of the linearised torque equations (dynamics.hpp), w = 1 / noise of the joint. The torques are filtered with
-/// `cutoff_hz`, of which 2 cutoff_hz samples per second are independent. Rows that `dynamics` leaves out by default
-/// have no information (SlowRows); where it lets rows near reversals count, there is more. Parameters count in units of
-/// their scale.
+/// `cutoff_hz`, of which 2 cutoff_hz samples per second are independent. Rows that `dynamics` leaves out with a
+/// given law have no information (SlowRows); where it lets rows near reversals count, there is more. Parameters count
+/// in units of their scale.
 class DynamicsInformation {
  public:
   struct Settings {

@@ -90,7 +90,7 @@ bool chunk_is_there(const fs::path& path, bool plain, hid_t dataset, bool checks
   if (checksums && bytes <= limits::hdf5_chunk_bytes) {
     std::vector<char> raw(bytes);
     check(H5Dread_chunk(dataset, H5P_DEFAULT, &row, &filters, raw.data()));
-    if (std::ranges::any_of(raw, [](char c) { return c != 0; })) return true;
+    if (filters == 0 && std::ranges::any_of(raw, [](char c) { return c != 0; })) return true;
   }
   haddr_t address = HADDR_UNDEF;
   check(H5Dget_chunk_info_by_coord(dataset, &row, &filters, &address, &bytes));

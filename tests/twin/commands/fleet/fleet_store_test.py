@@ -68,6 +68,7 @@ refused(
 
 # ---- Other tables.
 for name, statement in (
+    ("no table of observations", "DROP TABLE observations"),
     ("no table of notes", "DROP TABLE notes"),
     ("a column less", "ALTER TABLE observations DROP COLUMN weak"),
 ):

@@ -28,6 +28,10 @@ std::string why(sqlite3* db) {
   return fmt::format("{}: {}", name, without_controls(sqlite3_errmsg(db)));
 }
 
+InputError other_tables(sqlite3* db) {
+  return InputError(fmt::format("{}; its tables are not those of a store of tribotwin fleet", why(db)));
+}
+
 /// Whether the name or its permissions are wrong, and not the machine.
 bool wrong_name(int code, int system) {
   return code == SQLITE_READONLY || code == SQLITE_PERM ||
@@ -38,8 +42,7 @@ class SqliteStatement : public Statement {
  public:
   SqliteStatement(sqlite3* db, const char* sql) : db_(db) {
     const int code = sqlite3_prepare_v3(db, sql, -1, SQLITE_PREPARE_PERSISTENT, &statement_, nullptr);
-    if (code == SQLITE_ERROR)
-      throw InputError(fmt::format("{}; its tables are not those of a store of tribotwin fleet", why(db)));
+    if (code == SQLITE_ERROR) throw other_tables(db);
     if (code != SQLITE_OK) throw std::runtime_error(why(db));
     // To SQLite $1 is a name; its number is that of its first use.
     for (int i = 1; i <= sqlite3_bind_parameter_count(statement_); ++i)
@@ -117,7 +120,6 @@ class Sqlite : public Database {
       : file_(file), was_there_(std::filesystem::exists(file)) {
     if (was_there_ && !std::filesystem::is_regular_file(file))
       throw InputError(fmt::format("{}: is no regular file; -o names the fleet's store", file.string()));
-    if (!was_there_) new_ = Temporary(file_), new_journal_ = Temporary(file_.string() + "-journal");
     db_ = opened(file);
     try {
       begin(schema);
@@ -131,9 +133,9 @@ class Sqlite : public Database {
     if (!committed_) leave();
   }
   void commit() override {
+    new_ = {}, new_journal_ = {};
     execute("COMMIT");
     committed_ = true;
-    new_ = {}, new_journal_ = {};
   }
   void add_column(const std::string& table, const std::string& column) override {
     auto& known = statement("SELECT count(*) FROM pragma_table_info($1) WHERE name = $2")(table, column);
@@ -147,7 +149,9 @@ class Sqlite : public Database {
     return std::make_unique<SqliteStatement>(db_.get(), sql);
   }
   void execute(const char* sql) {
-    if (sqlite3_exec(db_.get(), sql, nullptr, nullptr, nullptr) != SQLITE_OK) throw std::runtime_error(why(db_.get()));
+    const int code = sqlite3_exec(db_.get(), sql, nullptr, nullptr, nullptr);
+    if (code == SQLITE_ERROR) throw other_tables(db_.get());
+    if (code != SQLITE_OK) throw std::runtime_error(why(db_.get()));
   }
   void begin(const char* schema) {
     const int code = sqlite3_exec(db_.get(), "PRAGMA cache_size = -65536; BEGIN IMMEDIATE", nullptr, nullptr, nullptr);
@@ -167,6 +171,8 @@ class Sqlite : public Database {
     const bool empty = tables.row() && tables.integer(0) == 0;
     tables.run();
     if (!empty) throw no_store();
+    // Only now: whoever made the file before it was locked may have rows in it.
+    if (!was_there_) mine_ = true, new_ = Temporary(file_), new_journal_ = Temporary(file_.string() + "-journal");
     execute(schema);
     execute(fmt::format("PRAGMA application_id = {}", application).c_str());
   }
@@ -175,15 +181,15 @@ class Sqlite : public Database {
     sqlite3_exec(db_.get(), "ROLLBACK", nullptr, nullptr, nullptr);
     db_.reset();
     std::error_code ignored;
-    if (was_there_) return;
+    if (!mine_) return;
     std::filesystem::remove(file_, ignored);
     std::filesystem::remove(file_.string() + "-journal", ignored);
   }
 
   const std::filesystem::path file_;
   const bool was_there_;
-  bool committed_ = false;
-  Temporary new_, new_journal_;  // until it is committed
+  bool committed_ = false, mine_ = false;  // mine_: a new file, which nobody else has written
+  Temporary new_, new_journal_;            // until it is committed
   std::unique_ptr<sqlite3, Close> db_;
 };
 
