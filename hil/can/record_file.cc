@@ -147,7 +147,10 @@ bool RecordFile::reader_takes_more() {
 Status RecordFile::sync_name() {
   std::error_code error;
   const std::filesystem::path file = std::filesystem::canonical(file_, error);
-  return error ? Status{} : twin::sync_folder(file.parent_path());  // somebody has removed it
+  if (error) return {};  // somebody has removed it
+  if (auto ok = twin::sync_folder(file.parent_path()); !ok)
+    return work_failed(fmt::format("{}: {}", file_.string(), ok.error().message));
+  return {};
 }
 
 Status RecordFile::finish() {
