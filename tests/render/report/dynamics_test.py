@@ -160,6 +160,7 @@ TIP = """(share) => { const svg = document.querySelector('svg.live:not(.sample)'
     clientX: box.x + share * box.width, clientY: box.y + 0.4 * box.height}));
   return svg.parentElement.querySelector('.tip').innerText; }"""
 browser.open(path("dynamics.html"))
+browser.tab.until(f"({TIP})(0.5) !== ''")  # the figure's script has begun
 tips = [browser.tab.value(f"({TIP})({share})") for share in np.linspace(0.1, 0.9, 17)]
 found = [float(half) for tip in tips for half in re.findall(r"predicted \S+ ± (\S+) Nm \(95 %\)", tip)]
 check(
