@@ -3,7 +3,6 @@
 #include <limits>
 #include <map>
 #include <optional>
-#include <ranges>
 #include <utility>
 
 #include <fmt/format.h>
@@ -99,9 +98,9 @@ class Chooser {
     if (!widest) return tl::unexpected(widest.error());
     set_cutoffs(*widest);
     // Where a joint moves for so short that only samples near its reversals would count, it is named instead.
-    s.signals.reversals = std::ranges::all_of(std::views::iota(Index{0}, regressor_.joints()), [&](Index j) {
-      return widest->is_left_out(j) || widest->moving.row(j).any();
-    });
+    s.signals.reversals = true;
+    for (Index j = 0; j < regressor_.joints(); ++j)
+      if (!widest->is_left_out(j) && !widest->moving.row(j).any()) s.signals.reversals = false;
     s.signals.cutoff_hz = widest_hz();
     s.signals.longest_hole_s = hole_periods / widest_hz();  // the same stretches for all cut-offs
     // Samples of long recordings are thinned: a choice needs fewer than the fit.

@@ -2,7 +2,6 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <ranges>
 
 #include <fmt/format.h>
 
@@ -499,8 +498,12 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
     const Index enough = std::max(least, static_cast<Index>(least_share * static_cast<double>(out->size())));
     return !out->is_left_out(j) && out->moving.row(j).count() < enough;
   };
-  const auto joints = std::views::iota(Index{0}, r.joints());
-  if (std::ranges::none_of(joints, hardly)) return out;
+  const auto first_joint = [&](const auto& is_so) {
+    Index j = 0;
+    while (j < r.joints() && !is_so(j)) ++j;
+    return j;
+  };
+  if (first_joint(hardly) == r.joints()) return out;
   Preparation with_reversals = preparation;
   with_reversals.reversals = true;
   auto more = prepare_as_asked(recordings, r, with_reversals);
@@ -509,12 +512,12 @@ Result<JointMotion> prepare(std::span<const RobotRecording> recordings, const Re
     const Index all = more->moving.row(j).count();
     return hardly(j) && all >= std::max(least, 2 * out->moving.row(j).count());
   };
-  const auto joint = std::ranges::find_if(joints, turns_often);
-  if (joint == joints.end()) return out;
+  const Index joint = first_joint(turns_often);
+  if (joint == r.joints()) return out;
   more->notes.push_back(fmt::format(
       "joint {} turns so often that {} of {} samples are two periods of the cut-off ({:.3g} Hz) from its reversals; "
       "those near reversals count, too",
-      r.joint_name(*joint), out->moving.row(*joint).count(), more->moving.row(*joint).count(), out->cutoff_hz));
+      r.joint_name(joint), out->moving.row(joint).count(), more->moving.row(joint).count(), out->cutoff_hz));
   return more;
 }
 
