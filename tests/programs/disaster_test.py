@@ -98,12 +98,22 @@ class Tally:
         self.bad += [f"{where}: {c}" for c in complaints]
         self.litter.update(re.sub(r"(\.partial-)[A-Za-z0-9]+$", r"\1XXXXXX", name) for name in litter)
 
+    def add_all(self, one, cases):
+        """`one` of every case is what add() takes."""
+        for where, complaints, litter in in_parallel(one, cases):
+            self.add(where, complaints, litter)
+
     def report(self, covered):
         litter = (
             "; litter: " + ", ".join(f"{n} x {name}" for name, n in sorted(self.litter.items())) if self.litter else ""
         )
         more = [f"{len(self.bad) - 4} more"] if len(self.bad) > 4 else []
         check(self.name, not self.bad, "\n     ".join(["", *self.bad[:4], *more]), f"({covered}{litter})")
+
+
+def change(n, how, r):
+    """Where a run was disturbed: "change 5 (SIGTERM: rename a b)"."""
+    return f"change {n} ({how}: {' '.join(r.calls[n - 1]) if len(r.calls) >= n else '?'})"
 
 
 def but_journals(command, complaints):
@@ -167,8 +177,7 @@ def full_disk(variant, truth, calls):
         return (f"change {n} ({how}: {failed_at[0]} {os.path.relpath(failed_at[1], r.folder)})", complaints, litter)
 
     tally = Tally(title(*variant) + ": the disk is full or read-only")
-    for where, complaints, litter in in_parallel(one, cases):
-        tally.add(where, complaints, litter)
+    tally.add_all(one, cases)
     tally.report(f"{tally.runs} runs, {len(chosen(len(calls)))} of {len(calls)} changes of the disk")
 
 
@@ -216,8 +225,7 @@ def really_full(variant, truth):
     shares = ["nothing", "half", "all but a page"]
     if not nightly:
         shares = random.Random(title(*variant)).sample(shares, 1)
-    for where, complaints, litter in in_parallel(one, shares):
-        tally.add(where, complaints, litter)
+    tally.add_all(one, shares)
     tally.report(f"{tally.runs} sizes")
 
 
@@ -266,11 +274,10 @@ def killed_at_calls(variant, truth, calls):
             complaints.insert(0, f"exit code {r.code}")
         complaints += again(command, over_old, r, truth)
         forget(r)
-        return f"change {n} ({how}: {' '.join(r.calls[n - 1]) if len(r.calls) >= n else '?'})", complaints, litter
+        return change(n, how, r), complaints, litter
 
     tally = Tally(title(*variant) + ": SIGKILL in place of a change of the disk")
-    for where, complaints, litter in in_parallel(one, cases):
-        tally.add(where, complaints, litter)
+    tally.add_all(one, cases)
     tally.report(f"{tally.runs} kills")
     return tally.runs
 
@@ -293,11 +300,10 @@ def ended_by_signals(variant, truth, calls):
             complaints.insert(0, f"exit code {r.code}, {r.stderr[-200:]!r}")
         complaints += again(command, over_old, r, truth)
         forget(r)
-        return f"change {n} ({name}: {' '.join(r.calls[n - 1]) if len(r.calls) >= n else '?'})", complaints, litter
+        return change(n, name, r), complaints, litter
 
     tally = Tally(title(*variant) + ": a signal just before a change of the disk")
-    for where, complaints, litter in in_parallel(one, cases):
-        tally.add(where, complaints, litter)
+    tally.add_all(one, cases)
     tally.report(f"{tally.runs} signals")
 
 

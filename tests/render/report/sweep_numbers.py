@@ -54,14 +54,18 @@ def quadratic(factors, z):
     return math.sqrt(left), 1 - left / np.var(z, ddof=1)
 
 
+def rows_and_campaign(folder):
+    with open(os.path.join(folder, "results.csv")) as f:
+        rows = list(csv.DictReader(f))
+    with open(os.path.join(folder, "campaign.yaml")) as f:
+        return rows, yaml.safe_load(f)
+
+
 class Sweep:
     def __init__(self, folder, names):
         """`names`: words and unit of each column of an output."""
         self.folder = folder
-        with open(os.path.join(folder, "results.csv")) as f:
-            self.rows = list(csv.DictReader(f))
-        with open(os.path.join(folder, "campaign.yaml")) as f:
-            self.campaign = yaml.safe_load(f)
+        self.rows, self.campaign = rows_and_campaign(folder)
         with open(os.path.join(folder, "statistics.json")) as f:
             self.statistics = json.load(f)["outputs"]
         with open(os.path.join(folder, "bands.csv")) as f:
@@ -177,10 +181,7 @@ class Grid:
 
     def __init__(self, folder, names):
         self.folder = folder
-        with open(os.path.join(folder, "results.csv")) as f:
-            self.rows = list(csv.DictReader(f))
-        with open(os.path.join(folder, "campaign.yaml")) as f:
-            self.campaign = yaml.safe_load(f)
+        self.rows, self.campaign = rows_and_campaign(folder)
         self.factors = {key: list(map(str, values)) for key, values in self.campaign["factors"].items()}
         self.outputs = {key: Output(*name, [float(row[key]) for row in self.rows]) for key, name in names.items()}
 
