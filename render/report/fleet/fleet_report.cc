@@ -118,6 +118,26 @@ class Writer {
                              : "nothing; check again when there are new curves.";
   }
 
+  /// What one list says of a joint that is on the other one alone; of one that is on both, nothing.
+  std::string of_one_list(const FleetData::Entry& e) const {
+    if (e.by_check && e.by_watch) return "";
+    return e.by_check ? " Listed by check alone: its chart of small lasting changes does not stand out."
+                      : fmt::format(
+                            " Listed by watch alone: its mean over the last {} does not stand out, small lasting "
+                            "changes do.",
+                            days_text());
+  }
+
+  /// How many are on which list.
+  std::string lists_text() const {
+    const auto count = [&](bool check, bool watch) {
+      return std::ranges::count_if(d_.listed,
+                                   [&](const auto& e) { return e.by_check == check && e.by_watch == watch; });
+    };
+    return fmt::format("{} on both lists, {} on that of check alone, {} on that of watch alone.", count(true, true),
+                       count(true, false), count(false, true));
+  }
+
   std::string days_text() const {
     const double days = d_.options.survey.days;
     return days == 1 ? std::string("day") : fmt::format("{:g} days", days);
@@ -188,6 +208,7 @@ class Writer {
                       rows);
       if (d_.listed.size() > listed_rows)
         page_.add(to, "p", fmt::format("The first {} of {}.", listed_rows, d_.listed.size()), "soft");
+      page_.add(to, "p", lists_text());
     }
     page_.add(
         to, "p",
@@ -212,7 +233,7 @@ class Writer {
 
   Outcome detail(std::size_t i) {
     auto to = page_.body();
-    const auto& [l, by_check, by_watch] = d_.listed[i];
+    const Listed& l = d_.listed[i].listed;
     if (i == 0) {
       page_.add(to, "h2", "Listed joints");
       if (d_.details.size() < d_.listed.size())
@@ -220,8 +241,8 @@ class Writer {
     }
     page_.add(to, "h3", fmt::format("{}. {}", i + 1, name_of(l)));
     page_.add(to, "p",
-              fmt::format("Friction {:+.1f} %, {}. {}", 100 * l.finding.friction_change, cause_of(l.finding),
-                          sentence(l.finding.advice)));
+              fmt::format("Friction {:+.1f} %, {}. {}{}", 100 * l.finding.friction_change, cause_of(l.finding),
+                          sentence(l.finding.advice), of_one_list(d_.listed[i])));
     auto grid = page_.add(to, "div", {}, "figures");
     const auto& shown = d_.details[i];
     const std::int64_t end_s = o_.check.time_s;

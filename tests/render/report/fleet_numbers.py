@@ -114,6 +114,8 @@ def take_head(n, p, all_found):
     n.take("curves", f"curves\n{p.curves}\nof these {WINDOW_DAYS} days\n")
     n.take("silent", f"{joints_text(silent)} without verdict: no curve in these {WINDOW_DAYS} days.")
     n.take("what to do", f"What to do: {name_of(found)}: {found['advice']}.")
+    both = f"{len(all_found)} on both lists, 0 on that of check alone, 0 on that of watch alone."
+    n.take("which list", both)
     n.take("list by itself", f"made at the false-discovery rate of {100 * rate:g} %; q is")
 
 

@@ -374,6 +374,34 @@ run(report, "fleet", "worn.db")
 found = [{**j, "since": since.get((j["robot"], j["joint"]))} for j in told]
 fleet_numbers.hold(content("worn.html"), check, path("worn.db"), found)
 
+# A joint that was worn for six days and mended: of the last day alone check lists it not, but its chart remembers.
+mended = Plant(12, seed=4)
+mended.write(path("healthy_before.csv"), 14)
+week = mended.rows(6, {("R0002", "joint2"): 0.12, ("R0005", "joint3"): 0.2})
+week += mended.rows(1, {("R0005", "joint3"): 0.2, ("R0008", "joint2"): 0.09})
+write("mended.csv", "\n".join([HEADER] + week) + "\n")
+run(twin, "fleet", "learn", "healthy_before.csv", "-o", "mended.db", "--quiet")
+names = lambda r: {(j["robot"], j["joint"]) for j in json.loads(r.stdout)["joints"]}
+by_check = names(run(twin, "fleet", "check", "mended.csv", "-o", "mended.db", "--days", "1", "--json"))
+by_watch = names(run(twin, "fleet", "watch", "-o", "mended.db", "--json"))
+check("fleet: one joint is listed by watch alone", by_watch - by_check == {("R0002", "joint2")}, (by_check, by_watch))
+run(report, "fleet", "mended.db", "--days", "1")
+read = text_of(content("mended.html"))
+check(
+    "fleet: how many are on which list is said",
+    f"{len(by_check & by_watch)} on both lists, {len(by_check - by_watch)} on that of check alone, 1 on that of watch "
+    "alone." in read,
+    read[:3000],
+)
+of_joint = {name: read.split(f". {' '.join(name)}\n")[1].split("\n")[0] for name in by_check | by_watch}
+check(
+    "fleet: a joint of one list says which",
+    {name for name, said in of_joint.items() if "Listed by watch alone: its mean over the last day does not" in said}
+    == by_watch - by_check
+    and not any("check alone" in said for name, said in of_joint.items() if name in by_watch),
+    of_joint,
+)
+
 # More joints than have room: the one that is listed is not among those left out.
 many = Plant(8, [f"joint{k}" for k in range(1, 15)])  # joint9 is the last by name
 many.write(path("many.csv"), 14)
