@@ -24,7 +24,11 @@ std::pair<const char*, double> energy_unit(double joule) {
   return {"J", 1};
 }
 
+/// Less is what a drive that stands still, or has just begun, works [J]; its digits say nothing.
+constexpr double no_work_J = 1e-9;
+
 std::string energy(double joule) {
+  if (std::abs(joule) < no_work_J) return "0 J";
   const auto [unit, size] = energy_unit(joule);
   return std::isfinite(joule) ? digits(joule / size, 3) + " " + unit : "–";
 }
@@ -32,7 +36,7 @@ std::string energy(double joule) {
 /// A motor that is off, or carries nothing, does no work that friction could have a share of; nor do motors that brake
 /// more than they drive.
 std::string of_motor_work(double joule, double motor_joule) {
-  if (std::abs(motor_joule) <= 1e-9 * std::abs(joule)) return "without work of the motors";
+  if (std::abs(motor_joule) <= std::max(no_work_J, 1e-9 * std::abs(joule))) return "without work of the motors";
   if (motor_joule < 0) return fmt::format("while the motors brake more than they drive, by {}", energy(-motor_joule));
   return fmt::format("{} % of {} motor work", digits(100 * joule / motor_joule, 3), energy(motor_joule));
 }
@@ -56,9 +60,19 @@ std::optional<Change> friction_change(const RunData& run, const std::string& nam
   return Change{cycles ? "friction power" : "friction (RMS)", cycles ? "W" : joint->slide ? "N" : "Nm", *first, *last};
 }
 
+/// Of a run that repeats a recording, how near it comes; empty where it repeats none.
+std::string against_recording(const RunData& run) {
+  const double mae = number(run.summary, {"comparison", "mae_mrad"}),
+               native = number(run.summary, {"comparison", "baseline_mae_mrad"});
+  if (!std::isfinite(mae)) return "";
+  return fmt::format("The twin is {:.1f} mrad from the recording (mean absolute error{})", mae,
+                     std::isfinite(native) ? fmt::format("; with native friction {:.1f} mrad", native) : "");
+}
+
 std::string sentence(const RunData& run, const std::vector<JointSummary>& joints) {
   const JointSummary* hot = most_warmed(run, joints);
   if (!hot) {
+    if (const auto error = against_recording(run); !error.empty()) return error + "; no joint warms by more than 1 K.";
     const double work = number(run.summary, {"friction_work_J"}), motor = number(run.summary, {"motor_work_J"});
     return "No joint warms by more than 1 K" +
            (std::isfinite(work + motor)

@@ -165,6 +165,17 @@ wanted = f"hinge: friction power [W]\n{a:.4g}\n{b:.4g}\n{b - a:+.3g} ± {scatter
 check(
     "a difference of powers has its scatter", wanted in read and "± is the standard deviation" in read, (wanted, read)
 )
+shutil.copytree(path("calm"), path("hush"))
+run(report, "calm", "loud", "hush", "-o", "three.html", "--quiet")
+read = text_of(content("three.html"))
+wanted = f"{b - a:+.3g} ± {scatter:.2g} W, {100 * (b / a - 1):+.1f} %".replace(" ", "\xa0").replace(",\xa0", ", ")
+check(
+    "of three runs each has its difference from the first, with its scatter",
+    "difference from calm\nloud\nhush\n" in read
+    and f"hinge: friction power\n{wanted}\nnone\n" in read
+    and "± is the standard deviation" in read,
+    (wanted, read),
+)
 compared("on", "less")
 read = text_of(content("compared.html"))
 check("without work cycles there is none, and it is said", "No ±: too few" in read and "power [W]" not in read, read)
@@ -191,6 +202,24 @@ compared("braked", "driven")
 read = text_of(content("compared.html"))
 check("no ratio of works with two signs", "\n-12.3 J → 40 J\n+52.3 J\n" in read, read[:3000])
 check("nor in the table", "motor work [kJ]\n-0.0123\n0.04\n+0.0523 kJ\n" in read, read[:3000])
+
+# What matters of a run that repeats a recording is how near it comes.
+shutil.copytree(path("on"), path("repeated"))
+s = json.loads(content("repeated/summary.json"))
+s["comparison"] = {"mae_mrad": 19.06, "baseline_mae_mrad": 28.94}
+write("repeated/summary.json", json.dumps(s))
+run(report, "repeated", "-o", "repeated.html", "--quiet")
+said = opening(content("repeated.html"))["verdict"]
+wanted = "The twin is 19.1 mrad from the recording (mean absolute error; with native friction 28.9 mrad);"
+check("a repeated recording: its error is the verdict", said.startswith(wanted), said)
+
+# A drive that has just begun has done no work worth digits.
+s["friction_work_J"], s["motor_work_J"] = 2.4e-41, 2e-25
+del s["comparison"]
+write("repeated/summary.json", json.dumps(s))
+run(report, "repeated", "-o", "begun.html", "--quiet", "--force")
+said = opening(content("begun.html"))["verdict"]
+check("no work: said without digits", said.endswith("; friction takes 0 J, without work of the motors."), said)
 
 # A summary of an early version has no checks: nothing is known, which is not green.
 shutil.copytree(path("on"), path("early"))
