@@ -1,9 +1,10 @@
 """What the Python tests share: a folder to work in, checks, programs to run, and the exit code at the end.
 
 tests/ is in PYTHONPATH (tests/CMakeLists.txt). TRIBOTWIN_KEEP=1 leaves the folder."""
-import atexit, os, shutil, socket, subprocess, sys, tempfile, threading
+import atexit, os, shutil, signal, socket, subprocess, sys, tempfile, threading
 
 sys.dont_write_bytecode = True
+signal.signal(signal.SIGINT, signal.default_int_handler)  # programs keep it ignored, as `bash tests/run.sh &` has it
 work = os.path.realpath(tempfile.mkdtemp(prefix="tribotwin_test_"))
 failures = []
 # Whether tests that sample take everything instead: --all, or TRIBOTWIN_NIGHTLY=1 for all tests of a ctest.

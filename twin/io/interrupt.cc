@@ -23,8 +23,9 @@
 namespace tribotwin::twin {
 namespace {
 
-std::atomic<bool> flag{false};
+std::atomic<bool> flag{false}, caught{false};
 static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler writes it");
+constexpr std::array endings{SIGINT, SIGTERM, SIGHUP};
 
 /// Names where a signal handler finds them. `owner`: the process whose name it is; 0: nobody's.
 struct Slot {
@@ -70,7 +71,7 @@ void handle(int signal, void (*handler)(int)) {
   ::sigaction(signal, &action, nullptr);
 }
 
-bool is_ignored(int signal) {  // as by nohup
+bool is_ignored(int signal) {  // SIGHUP by nohup; SIGINT by a shell without job control, for what it runs with &
   struct sigaction now {};
   return ::sigaction(signal, nullptr, &now) == 0 && now.sa_handler == SIG_IGN;
 }
@@ -109,17 +110,18 @@ void remove_temporaries() {
 }
 
 void remove_temporaries_at_end() {
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
+  for (const int signal : endings)
     if (!is_ignored(signal)) handle(signal, end_by);
   std::at_quick_exit(remove_temporaries);
 }
 
 void catch_interrupts() {
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
-    if (signal != SIGHUP || !is_ignored(signal))
-      handle(signal, [](int first) {
+  caught = false;
+  for (const int signal : endings)
+    if (!is_ignored(signal))
+      handle(signal, [](int arrived) {
+        if (caught.exchange(true)) return end_by(arrived);
         flag = true;
-        handle(first, end_by);
       });
 }
 

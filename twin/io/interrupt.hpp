@@ -36,8 +36,9 @@ void remove_temporaries_at_end();
 /// The same at once, before an end that does not do it.
 void remove_temporaries();
 
-/// Installs handlers for SIGINT, SIGTERM and SIGHUP: the first signal sets interrupted(), a second one terminates the
-/// program. Blocking system calls return EINTR. Before this call they terminate the program.
+/// Installs handlers for SIGINT, SIGTERM and SIGHUP, where they are not ignored: the first signal sets interrupted(); a
+/// second one, the same or another, terminates the program. Blocking system calls return EINTR. Before this call they
+/// terminate the program.
 void catch_interrupts();
 
 /// In a process that works for its parent: SIGUSR1, which the parent sends, sets interrupted(); SIGTERM ends it;

@@ -28,7 +28,10 @@ constexpr int went_on = 42;  // exit code of a program that nothing ended
 
 class Interrupt : public testing::Test {
  protected:
-  void SetUp() override { fs::create_directory(folder_); }
+  void SetUp() override {
+    fs::create_directory(folder_);
+    for (const int signal : {SIGINT, SIGTERM, SIGHUP}) ::signal(signal, SIG_DFL);  // whatever started the tests
+  }
   void TearDown() override { fs::remove_all(folder_); }
 
   /// The wait status of a program that does `work` in the folder.
@@ -91,17 +94,20 @@ TEST_F(Interrupt, WhatIsPublishedStays) {
   EXPECT_EQ(read_bytes(folder_ / "result").value(), "whole");
 }
 
-TEST_F(Interrupt, SecondSignalLeavesNothingTemporary) {
-  const int status = status_of([&] {
-    catch_interrupts();
-    work_until(folder_, [] {
-      ::raise(SIGINT);
-      if (!interrupted()) ::_exit(went_on);
-      ::raise(SIGINT);
-    });
-  });
-  EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == SIGINT) << status;
-  EXPECT_THAT(left(), IsEmpty());
+TEST_F(Interrupt, SecondSignalOfAnyKindLeavesNothingTemporary) {
+  for (const int first : {SIGINT, SIGTERM, SIGHUP})
+    for (const int second : {SIGINT, SIGTERM, SIGHUP}) {
+      const int status = status_of([&] {
+        catch_interrupts();
+        work_until(folder_, [&] {
+          ::raise(first);
+          if (!interrupted()) ::_exit(went_on);
+          ::raise(second);
+        });
+      });
+      EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == second) << first << " " << second << " " << status;
+      EXPECT_THAT(left(), IsEmpty()) << first << " " << second;
+    }
 }
 
 TEST_F(Interrupt, ChildOfTheProgramRemovesNothing) {
@@ -118,10 +124,18 @@ TEST_F(Interrupt, ChildOfTheProgramRemovesNothing) {
 }
 
 TEST_F(Interrupt, IgnoredSignalStaysIgnored) {
-  ::signal(SIGHUP, SIG_IGN);  // as nohup does
-  const int status = status_of([] { ::raise(SIGHUP); });
-  ::signal(SIGHUP, SIG_DFL);
-  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == went_on) << status;
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
+    ::signal(signal, SIG_IGN);  // as nohup does
+    const int not_caught = status_of([&] { ::raise(signal); });
+    const int caught = status_of([&] {
+      catch_interrupts();
+      ::raise(signal);
+      if (interrupted()) ::_exit(failed);
+    });
+    ::signal(signal, SIG_DFL);
+    for (const int status : {not_caught, caught})
+      EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == went_on) << signal << " " << status;
+  }
 }
 
 }  // namespace
