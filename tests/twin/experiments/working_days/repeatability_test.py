@@ -28,7 +28,9 @@ def table(name):
 def go_on_from_days(folder, *changes, without=()):
     """The campaign of days/ with other settings: a folder that holds its tests, but for those that come out otherwise.
     A day depends on its robot, on its number and on the faults of its robot up to then, not on how many there are."""
-    shutil.copytree(f"{work}/days", f"{work}/{folder}")
+    shutil.copytree(f"{work}/days/tests", f"{work}/{folder}/tests")
+    for name in ("campaign.yaml", "checksums", "motion.csv"):
+        shutil.copy(f"{work}/days/{name}", f"{work}/{folder}/{name}")
     for name in without:
         os.remove(f"{work}/{folder}/tests/{name}.json")
     campaign = open(f"{work}/{folder}/campaign.yaml").read()
