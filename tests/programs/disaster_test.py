@@ -1,8 +1,8 @@
 """Full and read-only disks, signals and kill -9, for every command that writes: what was there stays, what is new is
 absent or whole, and the exit code says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a
-disk that is really full (a small tmpfs), kill -9 at random instants. By day two changes of the disk of each command fail,
-and a command that neither records nor goes on meets one of the others alone, drawn by the seed and its name: SIGKILL, a
-signal or a full tmpfs. Options: programs.py."""
+disk that is really full (a small tmpfs), kill -9 at random instants. By day two changes of the disk of each command
+fail, and a command that neither records nor goes on meets one of the others alone, drawn by the seed and its name:
+SIGKILL, a signal or a full tmpfs. Options: programs.py."""
 import os, random, signal, subprocess
 
 from programs import *
