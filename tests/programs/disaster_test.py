@@ -1,6 +1,8 @@
 """Full and read-only disks, signals and kill -9, for every command that writes: what was there stays, what is new is
 absent or whole, and the exit code says which. Three ways: the N-th change of the disk fails or kills (faulty_disk.c), a
-disk that is really full (a small tmpfs), kill -9 at random instants. Options: programs.py."""
+disk that is really full (a small tmpfs), kill -9 at random instants. By day two changes of the disk of each command
+fail, and a command that neither records nor goes on meets one of the others alone, drawn by the seed and its name:
+SIGKILL, a signal or a full tmpfs. Options: programs.py."""
 import os, random, signal, subprocess
 
 from programs import *
@@ -55,8 +57,8 @@ def undisturbed(variant):
 
 
 def chosen(count):
-    """Of many calls, at night the first and last 15 and 30 between; by day fewer."""
-    few, ends, between = (40, 15, 30) if nightly else (4, 1, 2)
+    """Of many calls, at night the first and last 15 and 30 between; by day two."""
+    few, ends, between = (40, 15, 30) if nightly else (2, 0, 2)
     if count <= few:
         return list(range(1, count + 1))
     inner = range(ends + 1, count - ends + 1)
@@ -286,9 +288,9 @@ def ended_by_signals(variant, truth, calls):
     """SIGINT, SIGTERM or SIGHUP just before a change of the disk: nothing temporary stays."""
     command, over_old = variant
     names = ("SIGTERM", "SIGINT", "SIGHUP")
-    cases = [(n, names[i % 3]) for i, n in enumerate(chosen(len(calls)))]
+    cases = [(n, names[n % 3]) for n in chosen(len(calls))]
     if not nightly:
-        cases = random.Random(f"{seed} {title(*variant)} signals").sample(cases, min(2, len(cases)))
+        cases = random.Random(f"{seed} {title(*variant)} signals").sample(cases, 1)
 
     def one(case):
         n, name = case
@@ -334,6 +336,15 @@ def killed_at_random(variant, truth, seconds):
     return hits
 
 
+def others(variant, truth, calls):
+    """Kills, signals and a full tmpfs, or by day one of them (see above); how many kills there were."""
+    command = variant[0]
+    ways = [killed_at_calls, ended_by_signals, lambda *_: really_full(variant, truth) if may_mount else None]
+    if not nightly and not command.recording and not command.resumable:
+        ways = random.Random(f"{seed} {command.name} others").sample(ways, 1)
+    return sum(way(variant, truth, calls) or 0 for way in ways)
+
+
 if not may_mount:
     print(
         "SKIPPED: no tmpfs can be mounted here (needs root or user namespaces): "
@@ -346,10 +357,7 @@ for variant in variants:
         continue
     if not variant[0].slow:
         full_disk(variant, truth, calls)
-        total += killed_at_calls(variant, truth, calls)
-        ended_by_signals(variant, truth, calls)
-        if may_mount:
-            really_full(variant, truth)
+        total += others(variant, truth, calls)
     # Between two changes of the disk a kill leaves what one at the next change leaves, but for children and rows.
     if nightly or variant[0].slow or variant[0].recording or variant[0].resumable:
         at_random += killed_at_random(variant, truth, seconds)

@@ -1,6 +1,8 @@
 """stdout, stderr and -o that are no plain files, for every command: full, closed, slow and broken streams, devices,
-pipes; an output that is an input; two writers of one output; an old result without --force. Options: programs.py."""
-import errno, random, re, stat
+pipes; an output that is an input; two writers of one output; an old result without --force. By day each command meets
+two of the six streams and one of the three links to its input, drawn by the seed and its name, and two writers meet
+once instead of three times. Options: programs.py."""
+import errno, functools, random, re, stat
 
 from programs import *
 
@@ -36,6 +38,12 @@ def run_with(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, closed=(),
     return outcome
 
 
+@functools.cache
+def usual(command):
+    """What it does with plain files: made once for all that is compared with it."""
+    return run(command)
+
+
 def missing(outcome, truth):
     return [
         name for name, data in truth.items() if name not in outcome.after or not_whole(name, outcome.after[name], data)
@@ -54,10 +62,9 @@ def wrong(outcome, truth):
 
 # ---- Streams that take nothing.
 def streams(command):
-    usual = run(command)
-    truth, prints = usual.after, bool(usual.stdout)
-    name = command.name
-    if not check(f"{name}: works", usual.code == 0, (usual.code, usual.stderr[-300:])):
+    plain, name = usual(command), command.name
+    truth, prints = plain.after, bool(plain.stdout)
+    if not check(f"{name}: works", plain.code == 0, (plain.code, plain.stderr[-300:])):
         return
     lost = 1 if prints else 0
     ways = [stdout_full, stderr_full, stdout_closed, stderr_closed, all_closed, nobody_reads]
@@ -126,17 +133,17 @@ def helps():
             for option in ("--help", *(["--version"] if not word else [])):
                 argv, name = [programs[program], *word, option], " ".join([program, *word, option])
                 nobody = Command(name, ())
-                usual = run_with(nobody, argv=argv)
-                check(name, usual.code == 0 and usual.stdout and usual.stderr == "", (usual.code, usual.stderr))
+                plain = run_with(nobody, argv=argv)
+                check(name, plain.code == 0 and plain.stdout and plain.stderr == "", (plain.code, plain.stderr))
                 with open("/dev/full", "w") as full:
                     r = run_with(nobody, argv=argv, stdout=full)
                     check(f"{name}: stdout is full", ended_well(r, 1) and r.stderr, (r.code, r.stderr))
                     r = run_with(nobody, argv=argv, stderr=full)
-                    check(f"{name}: stderr is full", r.code == 0 and r.stdout == usual.stdout, r.code)
+                    check(f"{name}: stderr is full", r.code == 0 and r.stdout == plain.stdout, r.code)
                 r = run_with(nobody, argv=argv, closed=[1])
                 check(f"{name}: stdout is closed", ended_well(r, 1), (r.code, r.stderr))
                 r = run_with(nobody, argv=argv, closed=[2])
-                check(f"{name}: stderr is closed", r.code == 0 and r.stdout == usual.stdout, r.code)
+                check(f"{name}: stderr is closed", r.code == 0 and r.stdout == plain.stdout, r.code)
 
 
 def codes():
@@ -260,7 +267,7 @@ def fifo_content(path, result):
 
 
 def devices(command):
-    truth, own = run(command).after[command.stream], command.stream.encode()  # a page says how it was made
+    truth, own = usual(command).after[command.stream], command.stream.encode()  # a page says how it was made
     name = f"{command.name} to "
     for device, code in (("/dev/null", 0), ("/dev/full", 1)):
         r = run_with(command, argv=with_output(command, device), wrapper=own_devices)
@@ -449,7 +456,7 @@ def old_result(command):
         r = run(command, True)
         check(
             f"{command.name}: --force replaces",
-            r.code == 0 and not missing(r, run(command).after),
+            r.code == 0 and not missing(r, usual(command).after),
             (r.code, r.stderr[-300:]),
         )
 
@@ -458,7 +465,7 @@ def two_writers(command, first, second):
     """Both at once: one wins and the other is refused, or with --force the last one wins; what is there is whole."""
     truths = [run_with(command, argv=argv).after for argv in (first, second)]
     for force in ([], ["--force"] if command.knows_force else []):
-        for attempt in range(3):
+        for _ in range(3 if nightly else 1):
             folder = prepare(command, False)
             both = [
                 subprocess.Popen(

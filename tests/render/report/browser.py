@@ -1,5 +1,9 @@
-"""Pages in a real browser: what it says about them, and what a reader sees in them."""
-import atexit, base64, html, os, re, sys, urllib.parse
+"""Pages in a real browser: what it says about them, and what a reader sees in them. By day a page is looked at in its
+widest window and in one of the narrower ones, and in the dark in one; its name draws which, so that the pages together
+have all of them. By night each page has all."""
+import atexit, base64, html, os, random, re, sys, urllib.parse
+
+from harness import nightly
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "twin", "live", "page"))
 import devtools
@@ -91,6 +95,11 @@ MEASURE = """(() => {
 })()"""
 
 
+def drawn(name, widths):
+    """By day one of the widths, by night all; the same ones each time."""
+    return list(widths) if nightly else random.Random(f"20261129 {name}").sample(sorted(widths), min(1, len(widths)))
+
+
 def opening(page):
     """What the page's source says in its first lines; the verdict comes before all but title and identity."""
     main = page[page.index("<main>") :]
@@ -150,7 +159,7 @@ class Browser:
         """The page is whole for readers whose mail or archive runs no scripts."""
         self.tab.command("Emulation.setScriptExecutionDisabled", value=True)
         self.open(page)
-        for m in [self.measured(width) for width in (min(WIDTHS), max(WIDTHS))]:
+        for m in [self.measured(width) for width in drawn(name + " without scripts", {min(WIDTHS), max(WIDTHS)})]:
             self.check_width(f"{name} without scripts at {m['width']}", m, images, drawings)
             self.check(f"{name} without scripts: drawings stay", m["alive"] == 0 and m["shown"] == m["drawings"], m)
         dark = self.measured(max(WIDTHS), "dark")
@@ -195,7 +204,7 @@ class Browser:
             said,
         )
         self.open(page)
-        for width in {max(widths), min(widths)}:
+        for width in drawn(name + " dark", {max(widths), min(widths)}):
             dark = self.measured(width, "dark")
             self.check(
                 f"{name} at {width}, dark: contrast at least 4.5:1",
@@ -203,7 +212,7 @@ class Browser:
                 (dark["contrast"], dark["where"]),
             )
             self.check(f"{name} at {width}, dark: no figure is white", dark["white"] == 0, dark["white"])
-        all_widths = [self.measured(width) for width in reversed(widths)]
+        all_widths = [self.measured(w) for w in (*drawn(name, set(widths) - {max(widths)}), max(widths))]
         for m in all_widths:
             self.check_width(f"{name} at {m['width']}", m, images, drawings)
         self.check(name + ": no console message", not self.tab.console, self.tab.console)

@@ -1,8 +1,10 @@
 #include <cmath>
+#include <cstdlib>
 #include <future>
 #include <numbers>
 #include <optional>
 #include <random>
+#include <span>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -113,9 +115,11 @@ Tracked tracked(double temperature, std::span<const int> seeds) {
   return mean;
 }
 
-// RH380-N study section 5.3. The controller's model has an error of 1 % in every number, different for every seed.
+// RH380-N study section 5.3. The controller's model has an error of 1 % in every number, different for every seed: the
+// shipped one by day, the mean of three by night.
 TEST(Compensation, CutsTheTrackingErrorAsInPaper4) {
-  constexpr int seeds[] = {1, 2, 3};
+  constexpr int all_seeds[] = {1, 2, 3};
+  const auto seeds = std::span(all_seeds).first(std::getenv("TRIBOTWIN_NIGHTLY") ? 3 : 1);
   const Tracked cold = tracked(20, seeds), warm = tracked(35, seeds);
   EXPECT_LE(cold.fixed, (1 - 0.81) * cold.none);
   EXPECT_LE(cold.proposed, (1 - 0.56) * cold.fixed);

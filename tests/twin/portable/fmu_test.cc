@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <map>
 #include <optional>
 #include <regex>
@@ -133,11 +134,13 @@ struct Pair {
   }
 };
 
-/// Two instances of each FMU at once, with inputs of their own; both compilers.
+/// Two instances of each FMU at once, with inputs of their own; both compilers. By day half of the joints by each of
+/// the two standards, the other half by the other one.
 TEST_P(Standard, StepsEqualCppBitByBit) {
   ASSERT_EQ(all.size(), 3 * friction::laws().size());
   int windings = 0;
   for (std::size_t i = 0; i < all.size(); ++i) {
+    if (!std::getenv("TRIBOTWIN_NIGHTLY") && (i / 2 % 2 == 0) != (GetParam() == FmiVersion::two)) continue;
     SCOPED_TRACE(fmt::format("joint {}", i));
     const Fmu fmu(all[i], GetParam(), i % 2 ? "clang" : "gcc");
     const auto one = instantiate(*fmu.library, GetParam(), fmu.token),

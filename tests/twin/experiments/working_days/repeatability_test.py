@@ -1,6 +1,7 @@
-"""tribotwin lab for robots over working days, short ones, and its page. Arguments: tribotwin, source tree[,
+"""tribotwin lab for robots over working days, short ones, and its page. A day takes half a minute, so campaigns that
+differ from the first in other days or robots go on from its days. Arguments: tribotwin, source tree[,
 tribotwin-report]."""
-import csv, os, re, sys
+import csv, os, re, shutil, sys
 from statistics import NormalDist
 
 import numpy as np
@@ -22,6 +23,22 @@ def refused(name, says, *arguments, which=program, code=2):
 
 def table(name):
     return list(csv.DictReader(open(f"{work}/days/{name}.csv")))
+
+
+def go_on_from_days(folder, *changes, without=()):
+    """The campaign of days/ with other settings: a folder that holds its tests, but for those that come out otherwise.
+    A day depends on its robot, on its number and on the faults of its robot up to then, not on how many there are."""
+    shutil.copytree(f"{work}/days/tests", f"{work}/{folder}/tests")
+    for name in ("campaign.yaml", "checksums", "motion.csv"):
+        shutil.copy(f"{work}/days/{name}", f"{work}/{folder}/{name}")
+    for name in without:
+        os.remove(f"{work}/{folder}/tests/{name}.json")
+    campaign = open(f"{work}/{folder}/campaign.yaml").read()
+    for old, new in changes:
+        check(f"{folder}: its campaign has '{old}'", campaign.count(old) == 1, campaign)
+        campaign = campaign.replace(old, new)
+    with open(f"{work}/{folder}/campaign.yaml", "w") as f:
+        f.write(campaign)
 
 
 CAMPAIGN = f"""
@@ -123,11 +140,16 @@ refused(
 check("nothing half-written", not os.path.exists(f"{work}/other"))
 
 # ---- A joint that breaks after the last friction of its day: nothing is found, and nobody is told that all is well.
+go_on_from_days("late", ("time_s: 262", "time_s: 420"), without=["robot1_day2"])
 r = run("lab", "days.yaml", "-o", "late", "--set", "faults.0.time_s=420")
 late = re.search(r"A change of ([\d.]+) % from one cycle to the next is seen in 95 % of cases \((joint\d);", r.stdout)
 check(
     "a late break: no change, and which one would have been seen until when",
-    r.returncode == 0 and "0 of 6 comparisons" in r.stdout and late and "after 4.2 of a day's 8.8 min" in r.stdout,
+    r.returncode == 0
+    and "2 tests, 1 of them from earlier runs" in r.stdout
+    and "0 of 6 comparisons" in r.stdout
+    and late
+    and "after 4.2 of a day's 8.8 min" in r.stdout,
     r.stdout,
 )
 level = list(csv.DictReader(open(f"{work}/late/friction.csv")))
@@ -172,9 +194,13 @@ if report:
     )
     days_numbers.hold(page, check, f"{work}/days", source, "mjcf/er3a_c60.xml")
     # Two robots over three days: a day after a change is compared with those before it, of this robot alone.
-    plant = ("robots=2", "days=3", "faults.0.robot=2")
-    r = run("lab", "days.yaml", "-o", "plant", "--quiet", *(word for s in plant for word in ("--set", s)))
-    check("two robots over three days", r.returncode == 0, r.stderr)
+    go_on_from_days("plant", ("robots: 1", "robots: 2"), ("days: 2", "days: 3"))
+    r = run("lab", "days.yaml", "-o", "plant", "--set", "robots=2", "--set", "days=3")
+    check(
+        "two robots over three days",
+        r.returncode == 0 and "6 tests, 2 of them from earlier runs" in r.stdout,
+        (r.stdout, r.stderr),
+    )
     r = run("days", "plant", "--quiet", which=report)
     check("their page", r.returncode == 0, r.stderr)
     days_numbers.hold(open(f"{work}/plant/report.html").read(), check, f"{work}/plant", source, "mjcf/er3a_c60.xml")

@@ -1,4 +1,5 @@
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <random>
 
@@ -96,7 +97,8 @@ TEST(Regressor, IsInverseDynamicsOfEveryShippedRobot) {
   EXPECT_GE(robots, 6);
 }
 
-// Those that come with MuJoCo, where they are installed: arms, linkages, nets of slides.
+// Those that come with MuJoCo, where they are installed: arms, linkages, nets of slides. By day those of more than 30
+// joints, whose regressors are large, in 50 states instead of 1,000.
 TEST(Regressor, IsInverseDynamicsOfModelsOfOtherPeople) {
   const fs::path folder = "/usr/share/mujoco/model";
   ASSERT_TRUE(fs::exists(folder)) << "libmujoco-samples is not installed (twin/install-packages.sh --tests)";
@@ -110,7 +112,8 @@ TEST(Regressor, IsInverseDynamicsOfModelsOfOtherPeople) {
     const mujoco::ModelPtr model(mj_loadXML(file.c_str(), nullptr, error, sizeof error));
     if (!model || !hinges_and_slides(model.get())) continue;
     SCOPED_TRACE(file);
-    EXPECT_LT(worst_difference(model.get(), 1000), 1e-10);
+    const bool often = model->nv <= 30 || std::getenv("TRIBOTWIN_NIGHTLY");
+    EXPECT_LT(worst_difference(model.get(), often ? 1000 : 50), 1e-10);
     if (model->nv <= 30) expect_base_is_the_rank(model.get());
     models.push_back(file.filename());
   }
