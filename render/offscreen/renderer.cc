@@ -81,6 +81,20 @@ void light_up(mjModel& m) {
   std::ranges::fill(light.specular, 0.2F);
 }
 
+/// Whether a sphere, an ellipsoid or the end of a capsule is so large that few stacks are seen as corners of its
+/// outline.
+bool has_large_rounds(const mjModel* m) {
+  const auto any = [limit_m = 0.02 * m->stat.extent](const int* type, const mjtNum* size_m, int count) {
+    for (int i = 0; i < count; ++i) {
+      const mjtNum* s = size_m + 3 * i;
+      if ((type[i] == mjGEOM_SPHERE || type[i] == mjGEOM_CAPSULE) && s[0] > limit_m) return true;
+      if (type[i] == mjGEOM_ELLIPSOID && *std::max_element(s, s + 3) > limit_m) return true;
+    }
+    return false;
+  };
+  return any(m->geom_type, m->geom_size, m->ngeom) || any(m->site_type, m->site_size, m->nsite);
+}
+
 mjrRect whole(Size size) { return {0, 0, size.width, size.height}; }
 
 bool has_sky(const mjModel* m) {
@@ -215,6 +229,7 @@ Result<Renderer> Renderer::create(const mjModel* model, Size size, Quality quali
   m->vis.quality.offsamples = quality.samples;
   m->vis.quality.numslices = std::min(m->vis.quality.numslices, quality.slices_max);
   m->vis.quality.numstacks = std::min(m->vis.quality.numstacks, quality.stacks_max);
+  if (!has_large_rounds(m)) m->vis.quality.numstacks = std::min(m->vis.quality.numstacks, quality.straight_stacks_max);
   m->vis.quality.shadowsize = std::min(m->vis.quality.shadowsize, quality.shadow_map_max);
   if (m->nlight == 0) light_up(*m);
   mjv_defaultScene(&impl->scene);

@@ -26,6 +26,7 @@ struct Quality {
   int samples = 4;                           ///< multisampling
   int supersampling = 2;                     ///< pixels drawn per pixel of the picture, each way: 1..4
   int slices_max = 1000, stacks_max = 1000;  ///< of cylinders, spheres and the like, which are drawn with facets
+  int straight_stacks_max = 1000;            ///< the same where nothing round is thicker than 4 % of the model's extent
   int shadow_map_max = 16384;                ///< side of the map of each light's shadows [pixels]
   bool only_changes = false;                 ///< draws only what can differ from the picture before, for films
 };
@@ -34,6 +35,7 @@ inline constexpr Quality plain_quality{
     .samples = 4, .supersampling = 1, .slices_max = 40, .stacks_max = 12, .shadow_map_max = 2048};
 inline constexpr Quality film_quality = [] {
   Quality quality = plain_quality;
+  quality.straight_stacks_max = 6;  // of cylinders, whose stacks are not seen but are most of the triangles
   quality.only_changes = true;
   return quality;
 }();

@@ -190,5 +190,30 @@ TEST(Changes, AreNoneInTheSamePictureAndAroundTheBallAndItsShadowElse) {
   EXPECT_GT(part->top - part->bottom, part->right - part->left);  // the shadow lies below the ball
 }
 
+/// The home pose of a model as a page draws it and as the first frame of a film shows it: pixels that differ, per
+/// thousand.
+double film_against_page(const mujoco::Model& model) {
+  const mujoco::DataPtr d(mj_makeData(model.get()));
+  if (model.get()->nkey > 0) mj_resetDataKeyframe(model.get(), d.get(), 0);
+  pose_kinematics(model.get(), d.get());
+  const auto picture = [&](const Quality& quality) {
+    auto made = Renderer::create(model.get(), {1280, 960}, quality);
+    if (!made) throw std::runtime_error(made.error().message);
+    return drawn(*made, d.get(), {}, {});
+  };
+  return different(picture(film_quality), picture(plain_quality));
+}
+
+TEST(Films, FewerStacksAreNotSeen) {
+  for (const char* name : {"irb6620", "er3a_c60"}) EXPECT_LT(film_against_page(*loaded(name)), 1) << name;
+}
+
+TEST(Films, LargeRoundPartsKeepTheirStacks) {
+  for (const char* part :
+       {"<geom size='.3'/>", "<geom type='capsule' size='.3 .5'/>", "<geom type='ellipsoid' size='.1 .1 .5'/>",
+        "<site size='.3'/><geom type='box' size='1 1 .1'/>"})
+    EXPECT_EQ(film_against_page(*scene(part)), 0) << part;
+}
+
 }  // namespace
 }  // namespace tribotwin::render
