@@ -6,13 +6,14 @@
    FAULTY_MACHINE        what fails:
                          read         the N-th read of a file of the folder, with EIO
                          open         the N-th opening of a file of the folder, with EMFILE
+                         list         the N-th read of an entry of a folder in the folder, with EIO
                          write        the N-th write to a file of the folder, with EIO
                          sync         the N-th fsync, fdatasync or syncfs, with EIO
                          memory       the N-th allocation after the beginning of main(), with a null pointer
                          interrupted  every second read, write and wait, at random, with EINTR
                          short        every read and write of more than a byte moves half of it
                          clock_back, clock_forth   from the N-th look on the wall clock is 30 days off
-   FAULTY_MACHINE_AT     N, from 1; 0 or absent: nothing of the first five fails
+   FAULTY_MACHINE_AT     N, from 1; 0 or absent: nothing of the first six fails
    FAULTY_MACHINE_FOLDER files below this folder count
    FAULTY_MACHINE_PROGRAMS  names of the programs concerned
    FAULTY_MACHINE_COUNT  file of 8 bytes that counts what may fail; the processes that a program forks count with it
@@ -20,6 +21,7 @@
 
    Limitation: what glibc calls within itself is not seen, such as the read() of fread(). */
 #define _GNU_SOURCE
+#include <dirent.h>
 #include <errno.h>
 #include <poll.h>
 #include <stdatomic.h>
@@ -33,8 +35,9 @@
 
 #include "preloaded.h"
 
-enum fault { none, reading, opening, writing, syncing, memory, interrupted, short_moves, clock_back, clock_forth };
-static const char* const fault_names[] = {"",       "read",        "open",  "write",      "sync",
+enum fault { none, reading, opening, listing, writing, syncing, memory, interrupted, short_moves,
+             clock_back, clock_forth };
+static const char* const fault_names[] = {"",       "read",        "open",  "list",       "write",      "sync",
                                           "memory", "interrupted", "short", "clock_back", "clock_forth"};
 static enum fault fault;
 static long at;
@@ -127,6 +130,10 @@ READ(read, (int fd, void* data, size_t size), fd, data, moved(size))
 READ(pread, (int fd, void* data, size_t size, off_t from), fd, data, moved(size), from)
 READ(pread64, (int fd, void* data, size_t size, off64_t from), fd, data, moved(size), from)
 READ(readv, (int fd, const struct iovec* parts, int n), fd, parts, n)
+
+EXPORT struct dirent* readdir(DIR* of) {
+  return fails_of(listing, "readdir", dirfd(of), EIO) ? NULL : REAL(readdir)(of);
+}
 
 #define WRITE(name, declaration, ...)                                     \
   EXPORT ssize_t name declaration {                                       \

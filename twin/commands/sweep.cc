@@ -76,7 +76,7 @@ Sample sample_of(const sweep::Plan& plan) {
   const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - start;
   Sample sample{.one_s = spent.count()};
   if (telemetry)
-    for (const auto& file : fs::directory_iterator(telemetry->path()))
+    for (const fs::directory_entry& file : or_fail(entries_of(telemetry->path())))
       sample.record_MB += static_cast<double>(file.file_size()) / 1e6;
   sample.made = or_throw(made);
   rusage usage{};

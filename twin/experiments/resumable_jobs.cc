@@ -8,6 +8,7 @@
 #include <tribotwin/twin/experiments/part_store.hpp>
 #include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/io/checksum.hpp>
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/folder_lock.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -44,7 +45,9 @@ Status require_free(const std::string& resolved_yaml, const std::string& folder,
                                          : "another campaign (its campaign.yaml differs)"));
   }
   // A run that was killed at its very start leaves these.
-  for (const auto& entry : fs::directory_iterator(directory, error)) {
+  const auto entries = entries_of(directory);
+  if (!entries) return tl::unexpected(entries.error());
+  for (const fs::directory_entry& entry : *entries) {
     const std::string name = entry.path().filename().string();
     if (name == "run.lock" || name.starts_with(".campaign.yaml.partial-") ||
         (name == folder && fs::is_empty(entry.path(), error)))

@@ -134,7 +134,7 @@ std::optional<std::string> UnfinishedRuns::find(const std::string& run) {
 void UnfinishedRuns::clear(const fs::path& folder) {
   std::error_code error;
   std::vector<fs::path> unfinished;
-  for (const auto& entry : fs::directory_iterator(folder, error)) {
+  for (const fs::directory_entry& entry : entries_of(folder).value_or(std::vector<fs::directory_entry>())) {
     const std::string there = entry.path().filename().string();
     for (const char* name : files_of_a_run)
       if (there.starts_with(fmt::format(".{}.partial-", name))) unfinished.push_back(entry.path());

@@ -183,6 +183,16 @@ Result<std::string> read_bytes(const fs::path& file) {
   return bytes;
 }
 
+Result<std::vector<fs::directory_entry>> entries_of(const fs::path& folder) {
+  std::vector<fs::directory_entry> entries;
+  std::error_code error;
+  for (fs::directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) entries.push_back(*at);
+  if (error && error != std::errc::no_such_file_or_directory)
+    return tl::unexpected(Error(fmt::format("{}: cannot be listed ({})", folder.string(), std::strerror(error.value())),
+                                kind_of(error.value())));
+  return entries;
+}
+
 Status write_derived(const fs::path& file, std::string_view bytes, Existing existing) {
   std::error_code error;
   const bool is_there = fs::exists(file, error);

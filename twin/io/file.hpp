@@ -5,6 +5,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include <tribotwin/plugins/friction/error.hpp>
 #include <tribotwin/twin/io/descriptor.hpp>
@@ -72,6 +73,10 @@ class NewFile {
 
 /// All bytes of a regular file of at most limits::file_bytes. Fails with "FILE: what is wrong".
 Result<std::string> read_bytes(const std::filesystem::path& file);
+
+/// What is in a folder, in no order; nothing where there is no such folder. Fails with "FOLDER: cannot be listed
+/// (REASON)", also where the listing ends in its middle.
+Result<std::vector<std::filesystem::directory_entry>> entries_of(const std::filesystem::path& folder);
 
 /// Whether both names lead, or would lead, to one file: by device and inode, so also through links; files that do not
 /// exist yet by their place. Character devices (/dev/null) count as two files.

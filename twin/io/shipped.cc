@@ -3,6 +3,7 @@
 
 #include <dlfcn.h>
 
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/shipped.hpp>
 #include <tribotwin/twin/io/text.hpp>
@@ -16,8 +17,8 @@ constexpr std::string_view models = "mjcf", scenarios = "twin/scenarios";
 
 std::vector<fs::path> files_in(std::string_view folder, std::string_view ending) {
   std::vector<fs::path> found;
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(shipped_folder() / folder, error))
+  for (const fs::directory_entry& entry :
+       entries_of(shipped_folder() / folder).value_or(std::vector<fs::directory_entry>()))
     if (entry.path().extension() == ending) found.push_back(entry.path());
   std::ranges::sort(found);
   return found;

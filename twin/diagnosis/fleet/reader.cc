@@ -8,6 +8,7 @@
 #include <tribotwin/plugins/friction/number.hpp>
 #include <tribotwin/plugins/friction/text.hpp>
 #include <tribotwin/twin/diagnosis/fleet/reader.hpp>
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
 #include <tribotwin/twin/io/tables/rows.hpp>
@@ -159,15 +160,7 @@ class FleetFolder final : public CurveReader {
  public:
   static Result<std::unique_ptr<CurveReader>> open(const fs::path& folder, const ReaderOptions& options) {
     auto out = std::unique_ptr<FleetFolder>(new FleetFolder(folder, options));
-    std::error_code error;
-    for (fs::recursive_directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) {
-      if (at->path().filename().string().starts_with('.')) {
-        if (at->is_directory()) at.disable_recursion_pending();
-        continue;
-      }
-      if (at->is_regular_file()) out->files_.push_back(at->path());
-    }
-    if (error) return tl::unexpected(wrong(folder.string(), error.message()));
+    if (auto ok = out->find_files(); !ok) return tl::unexpected(ok.error());
     if (out->files_.empty())
       return tl::unexpected(wrong(folder.string(), "holds no files; a fleet's folder holds ROBOT/JOINT/DATE.csv"));
     std::ranges::sort(out->files_);
@@ -185,6 +178,21 @@ class FleetFolder final : public CurveReader {
 
  private:
   FleetFolder(fs::path folder, const ReaderOptions& options) : folder_(std::move(folder)), options_(options) {}
+
+  Result<void> find_files() {
+    for (std::vector<fs::path> folders{folder_}; !folders.empty();) {
+      const auto entries = entries_of(folders.back());
+      folders.pop_back();
+      if (!entries) return tl::unexpected(entries.error());
+      std::error_code error;
+      for (const fs::directory_entry& entry : *entries) {
+        if (entry.path().filename().string().starts_with('.')) continue;
+        if (entry.is_directory(error) && !entry.is_symlink(error)) folders.push_back(entry.path());
+        if (entry.is_regular_file(error)) files_.push_back(entry.path());
+      }
+    }
+    return {};
+  }
 
   Result<Key> key_of(const fs::path& file) const {
     const fs::path name = fs::relative(file, folder_);

@@ -11,6 +11,7 @@
 #include <tribotwin/twin/experiments/resumable_jobs.hpp>
 #include <tribotwin/twin/experiments/sweep/stored.hpp>
 #include <tribotwin/twin/experiments/sweep/sweep.hpp>
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/input.hpp>
 #include <tribotwin/twin/io/json.hpp>
 #include <tribotwin/twin/io/json_input.hpp>
@@ -219,14 +220,17 @@ void mark_independent(StoredSweep& s) {
 }
 
 /// The day of the newest file (UTC).
-std::string date_of(const fs::path& directory) {
+Result<std::string> date_of(const fs::path& directory) {
   fs::file_time_type newest = fs::file_time_type::min();
   std::error_code error;
-  for (const fs::path& place : {directory, directory / "runs"})
-    for (const auto& entry : fs::directory_iterator(place, error))
+  for (const fs::path& place : {directory, directory / "runs"}) {
+    const auto entries = entries_of(place);
+    if (!entries) return tl::unexpected(entries.error());
+    for (const fs::directory_entry& entry : *entries)
       if (const auto ending = entry.path().extension(); ending == ".json" || ending == ".csv")
         newest = std::max(newest, entry.last_write_time(error));
-  if (newest == fs::file_time_type::min()) return {};  // no run yet
+  }
+  if (newest == fs::file_time_type::min()) return std::string();  // no run yet
   const auto age = std::chrono::duration_cast<std::chrono::seconds>(fs::file_time_type::clock::now() - newest);
   const std::time_t at = std::time(nullptr) - age.count();
   std::tm day{};
@@ -245,7 +249,9 @@ Result<StoredSweep> read_sweep(const fs::path& directory) try {
   read_campaign(s, Mapping(file.string(), "", load_yaml(file)));
   read_origin(s);
   s.finished = status->finished;
-  s.date = date_of(directory);
+  auto date = date_of(directory);
+  if (!date) return tl::unexpected(date.error());
+  s.date = *std::move(date);
   if (!s.finished) {
     make_results(s);
     return s;

@@ -26,10 +26,11 @@ constexpr std::size_t first_batch = 32;
 std::string file_of(std::size_t run) { return fmt::format("{:07}.json", run); }
 
 /// The runs before `end` that have a file, ascending: few of the many that a plan may ask for.
-std::vector<std::size_t> runs_there(const fs::path& directory, std::size_t end) {
+Result<std::vector<std::size_t>> runs_there(const fs::path& directory, std::size_t end) {
+  const auto entries = entries_of(directory / folder);
+  if (!entries) return tl::unexpected(entries.error());
   std::vector<std::size_t> there;
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(directory / folder, error)) {
+  for (const fs::directory_entry& entry : *entries) {
     const auto run = to_integer<std::size_t>(entry.path().stem().string());
     if (run && *run < end && entry.path().filename() == file_of(*run)) there.push_back(*run);
   }
@@ -237,7 +238,9 @@ Result<SweepResult> run_sweep(const Plan& plan, const LabOptions& options, const
 
 Result<std::vector<std::optional<RunResult>>> read_runs(const Plan& plan, const fs::path& directory) {
   std::vector<std::optional<RunResult>> all(plan.runs);
-  for (const std::size_t r : runs_there(directory, plan.runs)) {
+  const auto there = runs_there(directory, plan.runs);
+  if (!there) return tl::unexpected(there.error());
+  for (const std::size_t r : *there) {
     const auto text = read_text(directory / folder / file_of(r), "a file");
     if (!text) return tl::unexpected(text.error());
     if (is_run(plan, r, *text)) all[r] = from_line(r, *text);
@@ -255,7 +258,9 @@ Result<SweepStatus> read_status(const fs::path& directory) try {
   if (!plan.has("resolved_scenario") || !plan.has("runs")) return none("holds another kind of campaign");
   SweepStatus status{.planned = plan.whole("runs", {1, most_runs}), .seconds_left = {}};
   std::vector<fs::file_time_type> times;
-  for (const std::size_t r : runs_there(directory, status.planned)) {
+  const auto there = runs_there(directory, status.planned);
+  if (!there) return tl::unexpected(there.error());
+  for (const std::size_t r : *there) {
     const fs::path file = directory / folder / file_of(r);
     const auto text = read_text(file, "a file");
     const auto result = text ? from_line(r, *text) : std::nullopt;

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/plugins/friction/input_file.hpp>
+#include <tribotwin/twin/io/file.hpp>
 #include <tribotwin/twin/io/mcap/reader.hpp>
 #include <tribotwin/twin/io/tables/layout.hpp>
 #include <tribotwin/twin/io/tables/numbers.hpp>
@@ -33,7 +34,9 @@ Result<fs::path> out_of_bag(const fs::path& file) {
   std::error_code error;
   if (!fs::is_directory(file, error) || record_of(file)) return file;
   std::vector<std::string> recordings;
-  for (const auto& entry : fs::directory_iterator(file, error))
+  const auto entries = entries_of(file);
+  if (!entries) return tl::unexpected(entries.error());
+  for (const fs::directory_entry& entry : *entries)
     if (entry.path().extension() == ".mcap") recordings.push_back(entry.path().string());
   if (recordings.empty()) return file;
   std::ranges::sort(recordings);

@@ -51,7 +51,9 @@ class Packer {
     const std::string name = fmt::format("file{}/{}", ++count_, from.filename().string());
     std::error_code error;
     if (!fs::is_directory(from, error)) return add(from, name);
-    for (const auto& entry : fs::directory_iterator(from, error))  // the folder of a run
+    const auto entries = entries_of(from);  // the folder of a run
+    if (!entries) return tl::unexpected(entries.error());
+    for (const fs::directory_entry& entry : *entries)
       if (entry.is_regular_file(error))
         if (auto ok = add(entry.path(), name + "/" + entry.path().filename().string()); !ok) return ok;
     return name;
