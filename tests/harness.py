@@ -1,7 +1,7 @@
 """What the Python tests share: a folder to work in, checks, programs to run, and the exit code at the end.
 
 tests/ is in PYTHONPATH (tests/CMakeLists.txt). TRIBOTWIN_KEEP=1 leaves the folder."""
-import atexit, os, shutil, signal, socket, subprocess, sys, tempfile, threading
+import atexit, os, re, shutil, signal, socket, subprocess, sys, tempfile, threading
 
 sys.dont_write_bytecode = True
 signal.signal(signal.SIGINT, signal.default_int_handler)  # programs keep it ignored, as `bash tests/run.sh &` has it
@@ -32,6 +32,12 @@ def free_ports(count):
     for s in sockets:
         s.close()
     return ports
+
+
+def resident_kib(process):
+    """What a process of that id has in memory."""
+    with open(f"/proc/{process}/status") as f:
+        return int(re.search(r"VmRSS:\s*(\d+)", f.read())[1])
 
 
 @atexit.register

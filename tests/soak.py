@@ -6,7 +6,7 @@ import json, os, re, socket, statistics, subprocess, sys, tempfile, threading, t
 
 import h5py, numpy
 
-from harness import free_ports
+from harness import free_ports, resident_kib
 
 build, minutes = os.path.abspath(sys.argv[1]), float(sys.argv[2])
 source = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
@@ -49,11 +49,6 @@ def faults(file):
         f.write("faults:\n")
         for k in range(1, int(12 * minutes) + 1):
             f.write(f"  - {{{kinds[k % len(kinds)]}, node: {1 + k % 5}, time_s: {5 * k}}}\n")
-
-
-def resident_kib(process):
-    with open(f"/proc/{process}/status") as file:
-        return int(re.search(r"VmRSS:\s*(\d+)", file.read())[1])
 
 
 def master(port, arguments, killed_after=None):

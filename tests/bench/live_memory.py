@@ -10,11 +10,8 @@ PONG = b"\x8a\x80" + bytes(4)
 build = sys.argv[1]
 minutes = float(sys.argv[2]) if len(sys.argv) > 2 else 20
 source = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-
-
-def resident_kib(process):
-    with open(f"/proc/{process}/status") as file:
-        return int(re.search(r"VmRSS:\s*(\d+)", file.read())[1])
+sys.path.insert(0, os.path.join(source, "tests"))
+from harness import resident_kib
 
 
 def main():

@@ -285,18 +285,22 @@ def killed_at_calls(variant, truth, calls):
 
 
 def ended_by_signals(variant, truth, calls):
-    """SIGINT, SIGTERM or SIGHUP just before a change of the disk: nothing temporary stays."""
+    """SIGINT, SIGTERM or SIGHUP just before a change of the disk: nothing temporary stays. Before the first change
+    the work is yet to be done, and the signal must end it."""
     command, over_old = variant
     names = ("SIGTERM", "SIGINT", "SIGHUP")
     cases = [(n, names[n % 3]) for n in chosen(len(calls))]
     if not nightly:
-        cases = random.Random(f"{seed} {title(*variant)} signals").sample(cases, 1)
+        draw = random.Random(f"{seed} {title(*variant)} signals")
+        cases = [(1, draw.choice(names)), *draw.sample(cases[1:], min(1, len(cases) - 1))]
 
     def one(case):
         n, name = case
         r = run_faulty(command, over_old, n, name)
         complaints, litter = judge(command, r, truth)
-        if r.code == 0:  # it came when all was done, or the work ended by itself
+        if r.code == 0 and n == 1 and not command.writes_last:
+            complaints.insert(0, "the signal was swallowed: exit code 0")
+        elif r.code == 0:  # it came when all was done, or the work ended by itself
             complaints += missing(r, truth)
         elif r.code != -getattr(signal, name) and not (r.code == 1 and "interrupted" in r.stderr):
             complaints.insert(0, f"exit code {r.code}, {r.stderr[-200:]!r}")

@@ -53,6 +53,7 @@ class Command:
     slow: bool = False  # too long to be run hundreds of times
     stream: str = ""  # the value of its -o that may be a device or a pipe
     added_to: tuple = ()  # inputs that it adds to
+    writes_last: bool = False  # its first change of the disk comes when its work is done
     tells_master: bool = False  # what cannot be written, not its exit code
     costly: bool = False  # its inputs take a minute to make: only in the long form, or where it is named
     masks: tuple = ("{in}/",)  # inputs in argv that no output may replace
@@ -140,6 +141,7 @@ commands = [
             "sweep --slurm",
             ("tribotwin", "sweep", "{in}/plan.yaml", "-o", "out", "--slurm", "--ranks", "2"),
             ("out.sbatch",),
+            writes_last=True,
         ),
         Command(
             "calibrate",
@@ -178,6 +180,7 @@ commands = [
             ),
             ("motion.csv",),
             stream="motion.csv",
+            writes_last=True,
         ),
         Command(
             "dynamics",
@@ -364,6 +367,7 @@ commands = [
             "hil conform",
             ("hil", "conform", "--can", "gateway://127.0.0.1:{drive}/can0", "--only", "nmt.start", "-o", "report.txt"),
             ("report.txt",),
+            writes_last=True,
         ),
         Command(
             "hil replay",
