@@ -324,7 +324,7 @@ void App::set_version_flag(const std::string& version, const std::string& json) 
 void App::prepare() {
   made_->app.set_help_flag("-h,--help", "Print this help");
   made_->app.formatter_fn([this](const ::CLI::App*, const std::string&, ::CLI::AppFormatMode) {
-    return help_text(describe(), twin::coloured(twin::Stream::output));
+    return help_text(describe(), twin::Stream::output);
   });
   add_option("--color,--colour", made_->colour, "Whether to colour messages and headings")
       ->check(IsMember({"auto", "always", "never"}));

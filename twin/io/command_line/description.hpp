@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include <tribotwin/twin/io/output.hpp>
+
 /// What a program's command line is, as plain data. Help, man pages and completions are written from it, so that they
 /// cannot differ from what the program accepts.
 namespace tribotwin::CLI {
@@ -48,8 +50,8 @@ std::string label(const OptionDescription& option);
 /// The help of an option with its values, default and relations.
 std::string explained(const OptionDescription& option);
 
-/// At most 80 columns. Headings are bold with `colour`.
-std::string help_text(const Description& command, bool colour);
+/// At most 80 columns. Headings are bold where `stream` is coloured.
+std::string help_text(const Description& command, twin::Stream stream);
 
 /// A page of section 1 with all commands of a program, for man(7). `version` "0.1.0"; `date` "2026-11-22".
 std::string man_page(const Description& program, const std::string& version, const std::string& date);

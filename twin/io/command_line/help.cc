@@ -74,9 +74,7 @@ std::string example(std::string_view line) {
   return lines + "\n";
 }
 
-std::string heading(std::string_view text, bool colour) {
-  return colour ? fmt::format("\033[1m{}\033[0m\n", text) : fmt::format("{}\n", text);
-}
+std::string heading(std::string_view text, twin::Stream stream) { return twin::bold(text, stream) + '\n'; }
 
 std::string row(const std::string& label, const std::string& text) {
   std::string line = "  " + label;
@@ -87,11 +85,11 @@ std::string row(const std::string& label, const std::string& text) {
   return line + wrapped(text, column, column);
 }
 
-std::string rows(const Description& command, bool positional, std::string_view title, bool colour) {
+std::string rows(const Description& command, bool positional, std::string_view title, twin::Stream stream) {
   std::string text;
   for (const auto& o : command.options)
     if (o.positional() == positional && !o.hidden) text += row(label(o), explained(o));
-  return text.empty() ? text : "\n" + heading(title, colour) + text;
+  return text.empty() ? text : "\n" + heading(title, stream) + text;
 }
 
 std::string usage(const Description& command) {
@@ -104,7 +102,7 @@ std::string usage(const Description& command) {
 }
 
 /// Paragraphs are wrapped; what is indented stays a line to be pasted; what ends with ":" is a heading.
-std::string footer(std::string_view text, bool colour) {
+std::string footer(std::string_view text, twin::Stream stream) {
   std::string out, paragraph;
   const auto flush = [&] {
     if (!paragraph.empty()) out += wrapped(paragraph, 0, 0);
@@ -120,7 +118,7 @@ std::string footer(std::string_view text, bool colour) {
     else if (line.front() == ' ')
       out += example(line);
     else if (line.ends_with(':'))
-      out += heading(line, colour);
+      out += heading(line, stream);
     else
       paragraph += (paragraph.empty() ? "" : " ") + std::string(line);
   }
@@ -130,14 +128,14 @@ std::string footer(std::string_view text, bool colour) {
 
 }  // namespace
 
-std::string help_text(const Description& command, bool colour) {
+std::string help_text(const Description& command, twin::Stream stream) {
   std::string text = wrapped(command.summary, 0, 0) + "\n" + usage(command) +
-                     rows(command, true, "Arguments:", colour) + rows(command, false, "Options:", colour);
+                     rows(command, true, "Arguments:", stream) + rows(command, false, "Options:", stream);
   std::string commands;
   for (const auto& c : command.commands)
     if (!c.hidden) commands += row(c.word(), c.summary);
-  if (!commands.empty()) text += "\n" + heading("Commands:", colour) + commands;
-  if (!command.footer.empty()) text += "\n" + footer(command.footer, colour);
+  if (!commands.empty()) text += "\n" + heading("Commands:", stream) + commands;
+  if (!command.footer.empty()) text += "\n" + footer(command.footer, stream);
   return text;
 }
 

@@ -64,7 +64,7 @@ int parse(const std::string& program, const std::string& engine, CLI::App& app, 
   app.set_version_flag(version_text(program, engine), version_json(program, engine));
   add_hidden_commands(app, code, values);
   if (argc == 1) {
-    report_text(CLI::help_text(app.describe(), coloured(Stream::messages)));
+    report_text(CLI::help_text(app.describe(), Stream::messages));
     return finish(program, wrong_input);
   }
   try {
@@ -76,7 +76,7 @@ int parse(const std::string& program, const std::string& engine, CLI::App& app, 
     if (code == done)
       report_text(error.str());
     else if (command_missing(app, argc, argv))
-      report_text(CLI::help_text(app.given().describe(), coloured(Stream::messages)));
+      report_text(CLI::help_text(app.given().describe(), Stream::messages));
     else
       report_text(error.str());
   } catch (const std::bad_alloc&) {
