@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <ranges>
 
 #include <fmt/format.h>
 
@@ -246,9 +245,11 @@ std::string other_joints(const Runs& runs, const std::vector<FrictionChange>& ch
   constexpr std::size_t shown_max = 3;
   const auto others = others_beyond(watched_share, changes, most);
   std::string all;
-  for (const FrictionChange* c : others | std::views::take(shown_max))
+  for (std::size_t i = 0; i < std::min(shown_max, others.size()); ++i) {
+    const FrictionChange* const c = others[i];
     all += fmt::format("{} {} {:+.1f} %{}", all.empty() ? ";" : ",", c->joint, 100 * c->share(),
                        c->run == most.run ? "" : " in " + runs.label(*runs.all[c->run]));
+  }
   if (others.size() > shown_max) all += fmt::format(" and {} more", others.size() - shown_max);
   return all.empty() || !know_power(changes) ? all : all + " with a smaller change of power";
 }

@@ -2,7 +2,6 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
-#include <ranges>
 
 #include <fmt/format.h>
 
@@ -34,9 +33,9 @@ Result<ThermalFit> fitted(const std::vector<HeatSession>& sessions) {
   auto second = fit_thermal(sessions, {.order = thermal::Order::second, .rested = true});
   if (!second || times_identified(*second)) return second;
   auto first = fit_thermal(sessions, {.order = thermal::Order::first, .rested = true});
-  const auto longest_s =
-      std::ranges::max(sessions | std::views::transform([](const HeatSession& s) { return s.time_s.back(); }));
   if (!first) return first;
+  double longest_s = 0;
+  for (const HeatSession& session : sessions) longest_s = std::max(longest_s, session.time_s.back());
   const double ratio =
       2 * static_cast<double>(second->samples) / second->correlation * std::log(first->rms_K / second->rms_K);
   if (times_identified(*first) &&
