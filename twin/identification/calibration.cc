@@ -334,12 +334,27 @@ class Calibration {
     if (!watch_.journal || !(trial.step > 0)) return std::nullopt;
     const auto found = watch_.journal->find(of_slope(one, trial));
     if (found.empty()) return std::nullopt;
-    BytesIn in(found.front().second);
-    const auto gradient = in.numbers<double>(), curvature = in.numbers<double>();
-    const Index n = std::ssize(gradient);
+    auto quadratic = slope_in(found.front().second, trial.points[0].size());
+    if (!quadratic) {
+      kept_ = tl::unexpected(
+          Error(fmt::format("{}: holds an answer of another shape than the search has asked for; choose another folder "
+                            "with -o, or remove this file",
+                            watch_.journal->file().string())));
+      return std::nullopt;
+    }
     forget_points(one);
     simulations_ -= static_cast<double>(one.points.size() * jobs_[one.job].posterior.recordings());
-    return Tried{.quadratic = {VectorXd::Map(gradient.data(), n), MatrixXd::Map(curvature.data(), n, n)}};
+    return Tried{.values = {}, .quadratic = *std::move(quadratic)};
+  }
+
+  /// Gradient (n) and curvature (n x n) as keep_answer() wrote them; nothing where they are of another shape.
+  static std::optional<Quadratic> slope_in(std::string_view bytes, Index n) try {
+    BytesIn in(bytes);
+    const auto gradient = in.numbers<double>(), curvature = in.numbers<double>();
+    if (std::ssize(gradient) != n || std::ssize(curvature) != n * n || !in.empty()) return std::nullopt;
+    return Quadratic{VectorXd::Map(gradient.data(), n), MatrixXd::Map(curvature.data(), n, n)};
+  } catch (const std::runtime_error&) {  // cut off
+    return std::nullopt;
   }
 
   void keep_answer(const Inquirer& one, const Trial& trial, const Quadratic& answer) {

@@ -1,7 +1,7 @@
 """tribotwin calibrate, killed (-9) again and again: the same command goes on, no simulation that was finished is made
 twice, and the results are those of an undisturbed run. Arguments: program; kills of each search (default 8); with
 "mpirun", also of ranks."""
-import collections, os, random, signal, struct, subprocess, sys, time
+import collections, os, random, signal, struct, subprocess, sys, time, zlib
 
 import harness
 from harness import check, check_refused, content, finish, path, work
@@ -198,5 +198,20 @@ for name, damaged in (("cut", kept[:-7]), ("cut within the first record", kept[:
         os.remove(path("stopped", "calibration.json"))
     else:
         check_refused(name, r, "stopped/calibration.unfinished: is damaged")
+
+# Whole records with answers of another shape: of one quantity too many, of a curvature that is cut off.
+identity = content("gauss_newton_whole.tasks", "rb")[len(FIRST_LINE) :]
+identity = identity[: 12 + struct.unpack_from("<Q", identity)[0]]
+slopes = [name for name, _ in records_of(path("gauss_newton_whole.tasks")) if name[16] == SLOPE]
+check("a search by slopes keeps some", slopes)
+for wrong in (struct.pack("<Q9dQ81d", 9, *[1] * 9, 81, *[1] * 81), struct.pack("<QdQ", 1, 1, 1)):
+    os.makedirs(path("forged"), exist_ok=True)
+    with open(journal("forged"), "wb") as f:
+        f.write(FIRST_LINE + identity)
+        for name in slopes:
+            body = b"".join(struct.pack("<Q", len(part)) + part for part in (name, wrong))
+            f.write(struct.pack("<QI", len(body), zlib.crc32(body)) + body)
+    r = calibrate("gauss_newton.yaml", "forged", "--quiet")
+    check_refused("answers of another shape", r, "forged/calibration.unfinished: holds an answer of another shape")
 
 finish()
