@@ -1,6 +1,7 @@
 """A machine that fails in other ways than by a full disk (disaster_test.py): a file that cannot be read or written, a
-folder that cannot be listed to its end, no descriptor or memory left, a disk that fails a sync, calls that are interrupted or move half, a clock that jumps
-(faulty_machine.c); few descriptors from the beginning; a locale with decimal commas. Either the command says so, with
+folder that cannot be listed to its end, no descriptor or memory left, a disk that fails a sync, calls that are
+interrupted or move half, a clock that jumps (faulty_machine.c); few descriptors from the beginning; a locale with
+decimal commas. Either the command says so, with
 its exit code and one line that names the file, or its results are those of an undisturbed machine. Afterwards it works
 as ever. Options: programs.py."""
 import random, re

@@ -248,6 +248,7 @@ std::string words_of(const Setting& s) {
   if (s.signals.cutoff_hz > 0) text += fmt::format(", cut-off {:.3g} Hz", s.signals.cutoff_hz);
   if (s.signals.recorded_velocity) text += ", recorded velocity";
   if (s.signals.reversals) text += ", reversals";
+  if (s.signals.turn_lead_s != 0) text += ", " + turn_text(s.signals.turn_lead_s);
   if (s.robust != Robust::none) text += fmt::format(", {}", name_of(s.robust));
   if (!s.rotor_inertia) text += ", no rotor inertias";
   for (const CoupledMotor& motor : s.motors) text += fmt::format(", {} coupled", motor.name);
@@ -286,6 +287,7 @@ Json json_of(const DynamicsChoice& choice) {
          {"cutoff_hz", s.signals.cutoff_hz},
          {"recorded_velocity", s.signals.recorded_velocity},
          {"reversals", s.signals.reversals},
+         {"turn_lead_s", s.signals.turn_lead_s},
          {"robust", name_of(s.robust)},
          {"rotor_inertia", s.rotor_inertia},
          {"prior", s.prior},
@@ -448,9 +450,9 @@ using Fit = std::function<Result<DynamicsFit>(JointMotion& motion)>;
 
 /// The fit of the motion without the lags of its torques, which become `motion` and `lag`.
 Result<DynamicsFit> without_lag(const Robot& robot, const std::vector<RobotRecording>& recordings,
-                                const Preparation& signals, const Fit& fit_of, JointMotion& motion,
-                                std::vector<Estimate>& lag) {
-  auto found = torque_lag(recordings, robot.regressor, signals, fit_of);
+                                const Preparation& signals, const DynamicsChoice& choice, const Fit& fit_of,
+                                JointMotion& motion, std::vector<Estimate>& lag) {
+  auto found = torque_lag(recordings, robot.regressor, signals, fit_of, choice.setting.lag_of);
   if (!found) return tl::unexpected(found.error());
   motion = std::move(found->motion);
   lag = std::move(found->lag);
@@ -796,7 +798,7 @@ Result<Exit> execute(const Arguments& a) {
     return fit_of(a, robot, choice, *friction, models, instruments, m, progress);
   };
   const bool lag_open = finds_lag(a) || (a.lag.empty() && !choice.setting.signals.lag_s.empty());
-  auto fit = lag_open ? without_lag(robot, recordings, signals, again, motion, lag) : again(motion);
+  auto fit = lag_open ? without_lag(robot, recordings, signals, choice, again, motion, lag) : again(motion);
   if (!fit) throw InputError(fmt::format("{}: {}", a.data.front(), fit.error().message));
   std::vector<std::string> left_out = left_out_of(robot, motion);
   name_unknown_gains(data.gains, left_out);

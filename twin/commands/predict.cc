@@ -361,6 +361,7 @@ Preparation preparation_of(const Arguments& a, const Robot& robot, const Dynamic
   if (p.cutoff_hz == 0) p.cutoff_hz = file.signals.cutoff_hz;
   p.recorded_velocity = file.signals.recorded_velocity;
   p.reversals = file.signals.reversals;
+  p.turn_lead_s = file.signals.turn_lead_s;
   p.lag_s = lag_of(a, robot, file);
   return p;
 }

@@ -44,6 +44,8 @@ constexpr double most_samples = 4000;
 /// Of the top speed of each joint, within which friction may fall.
 constexpr double stribeck_shares[] = {0.02, 0.05, 0.1, 0.2, 0.4};
 constexpr double enough_samples = 8;
+/// When friction turns; the longest of a period of the cut-off, beyond which the filter hides it.
+constexpr double turn_step_s = 0.004, longest_lead = 0.25;
 
 class Chooser {
  public:
@@ -65,6 +67,7 @@ class Chooser {
     search();
     if (choose_position()) search();
     choose_lags();
+    if (refine_turns()) search();
     if (take_prior()) search();
     if (out_.setting.by_position.empty() && choose_position()) search();
     refine_stribeck();
@@ -317,6 +320,10 @@ class Chooser {
     out.push_back({std::move(what), std::move(s)});
   }
 
+  static void without_reversals(Setting& s) {
+    s.signals.reversals = false, s.signals.rest_periods = 1, s.signals.turn_lead_s = 0;
+  }
+
   void add_signals(std::vector<Candidate>& out) const {
     const Preparation& now = out_.setting.signals;
     for (const double cutoff : cutoffs_)
@@ -324,8 +331,7 @@ class Chooser {
         add(out, fmt::format("cut-off {:.3g} Hz", cutoff), [&](Setting& s) { s.signals.cutoff_hz = cutoff; });
     if (!now.recorded_velocity && have_velocity())
       add(out, "recorded velocity", [](Setting& s) { s.signals.recorded_velocity = true; });
-    if (now.reversals)
-      add(out, "no reversals", [](Setting& s) { s.signals.reversals = false, s.signals.rest_periods = 1; });
+    if (now.reversals) add(out, "no reversals", without_reversals);
     for (const double periods : {1.0, 0.5})
       if (!now.reversals || now.rest_periods != periods)
         add(out, fmt::format("reversals, from {:g} periods of it off rests", periods),
@@ -459,8 +465,7 @@ class Chooser {
   void simplify() {
     std::vector<Candidate> simpler;
     const Setting& now = out_.setting;
-    if (now.signals.reversals)
-      add(simpler, "no reversals", [](Setting& s) { s.signals.reversals = false, s.signals.rest_periods = 1; });
+    if (now.signals.reversals) add(simpler, "no reversals", without_reversals);
     if (now.signals.recorded_velocity)
       add(simpler, "no recorded velocity", [](Setting& s) { s.signals.recorded_velocity = false; });
     if (!decided_.asymmetry && now.directional.asymmetry)
@@ -579,37 +584,79 @@ class Chooser {
   /// without: in the widest one the noise hides what a lag changes (servo 4 of cases_test.py: its lag is not
   /// taken, 1.58 of the best by hand instead of 1.12).
   bool choose_lag() {
-    Preparation every_sample = out_.setting.signals;  // thinned samples are too coarse for their slopes by time
-    every_sample.narrowest_hz = every_sample.widest_hz = 0;
-    Setting without_outliers = out_.setting;  // which look like steps, and a step like a lag
-    without_outliers.robust = decided_.robust.value_or(Robust::tukey);
-    const auto found = torque_lag(recordings_, regressor_, std::move(every_sample),
-                                  [&](JointMotion& motion) { return fit_with(without_outliers, motion); });
-    if (!found || std::ranges::none_of(found->lag, [](const Estimate& e) {
-          return e.status == Status::estimated && std::abs(e.value) > lag_sigmas * e.sigma;
-        }))
-      return false;
-    Candidate candidate{"lag of torques:" + text_of(found->lag), out_.setting};
-    candidate.setting.signals.lag_s = found->lag_s();
-    auto motion = prepare(recordings_, regressor_, compared_in(candidate.setting.signals));
-    if (!motion || motion->time_s != target_.motion.time_s) return false;
-    auto late = prepared(compared_in(out_.setting.signals));
-    if (!late || late->time_s != target_.motion.time_s) return false;
+    for (const Setting& s : {out_.setting, with_next_wider(out_.setting)})
+      if (std::vector<Candidate> open = proven_lags(s); !open.empty()) return take_lag(s, std::move(open));
+    return false;
+  }
+
+  /// What a lag spoils is least in a narrow band, in which it hardly shows.
+  Setting with_next_wider(Setting s) const {
+    const auto now = std::ranges::find(cutoffs_, s.signals.cutoff_hz);
+    if (now != cutoffs_.begin() && now != cutoffs_.end()) s.signals.cutoff_hz = *std::prev(now);
+    return s;
+  }
+
+  bool take_lag(const Setting& without, std::vector<Candidate> open) {
+    const auto motion = motion_of(without.signals), late = prepared(compared_in(without.signals));
+    if (!motion || !late || late->time_s != target_.motion.time_s) return false;
     JointMotion before = std::exchange(target_.motion, *late);
-    auto in_own_band = error_of(out_.setting, motion_);
+    auto in_own_band = error_of(without, *motion);
     if (!in_own_band) {
       target_.motion = std::move(before);
       return false;
     }
     HeldOut best_before = std::exchange(best_, *std::move(in_own_band));
-    target_.motion = *motion;
-    auto t = tried(std::move(candidate));
-    const bool taken = t && (decided_.take_lag || is_better(t->comparison, least_gain, lag_enough));
+    std::optional<Late> best = best_of(std::move(open));
+    const bool taken = best && (decided_.take_lag || is_better(best->tried.comparison, least_gain, lag_enough));
+    target_.motion = taken ? std::move(best->compared) : std::move(before);
     if (taken)
-      take(*std::move(t)), out_.lag_target_hz = out_.setting.signals.cutoff_hz;
+      take(std::move(best->tried)), out_.lag_target_hz = out_.setting.signals.cutoff_hz;
     else
-      target_.motion = std::move(before), best_ = std::move(best_before);
+      best_ = std::move(best_before);
     return taken;
+  }
+
+  /// Each joint's own, and one for the robot, as far as their sigmas prove them.
+  std::vector<Candidate> proven_lags(const Setting& s) const {
+    Preparation every_sample = s.signals;  // thinned samples are too coarse for their slopes by time
+    every_sample.narrowest_hz = every_sample.widest_hz = 0;
+    Setting without_outliers = s;  // which look like steps, and a step like a lag
+    without_outliers.robust = decided_.robust.value_or(Robust::tukey);
+    const auto found = torque_lag(recordings_, regressor_, std::move(every_sample),
+                                  [&](JointMotion& motion) { return fit_with(without_outliers, motion); });
+    if (!found) return {};
+    const auto proven = [](const Estimate& e) {
+      return e.status == Status::estimated && std::abs(e.value) > lag_sigmas * e.sigma;
+    };
+    std::vector<Candidate> out;
+    if (std::ranges::any_of(found->lag, proven)) {
+      out.push_back({"lag of torques:" + text_of(found->lag), s});
+      out.back().setting.signals.lag_s = found->lag_s(), out.back().setting.lag_of = LagOf::joint;
+    }
+    if (found->alike && proven(*found->alike)) {
+      out.push_back({fmt::format("lag of all torques: {:.2g} ms", 1e3 * found->alike->value), s});
+      out.back().setting.signals.lag_s.assign(found->lag.size(), found->alike->value);
+      out.back().setting.lag_of = LagOf::robot;
+    }
+    return out;
+  }
+
+  struct Late {
+    Tried tried;
+    JointMotion compared;  ///< the target without its lag
+  };
+
+  /// The last, unless one before it is better by enough.
+  std::optional<Late> best_of(std::vector<Candidate> lags) {
+    std::optional<Late> best;
+    for (Candidate& candidate : lags) {
+      auto motion = prepare(recordings_, regressor_, compared_in(candidate.setting.signals));
+      if (!motion || motion->time_s != target_.motion.time_s) continue;
+      target_.motion = *motion;
+      auto t = tried(std::move(candidate));
+      if (t && !(best && is_better(compared(best->tried.found, t->found)))) best = {*std::move(t), *std::move(motion)};
+    }
+    return best;
   }
 
   Result<DynamicsFit> fit_with(const Setting& s, const JointMotion& motion) const {
@@ -650,6 +697,24 @@ class Chooser {
       if (const auto own = best_of(of_all); own != out_.setting.stribeck_share)
         try_shares("... of each joint's own", own, of_all);
     }
+  }
+
+  /// When friction turns, against the speed: step by step, as long as it is better.
+  bool refine_turns() {
+    bool any = false;
+    for (const double step_s : {turn_step_s, turn_step_s / 2})
+      for (const double sign : {1.0, -1.0}) {
+        bool further = true;
+        while (further && out_.setting.signals.reversals) {
+          const double lead_s = out_.setting.signals.turn_lead_s + sign * step_s;
+          if (std::abs(lead_s) > longest_lead / out_.setting.signals.cutoff_hz) break;
+          std::vector<Candidate> one;
+          add(one, turn_text(lead_s), [&](Setting& s) { s.signals.turn_lead_s = lead_s; });
+          further = attempt(std::move(one.front()));
+          any |= further;
+        }
+      }
+    return any;
   }
 
   struct Shares {

@@ -10,6 +10,11 @@ namespace tribotwin::twin::identification {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
+std::string turn_text(double lead_s) {
+  return fmt::format("friction that turns {:.3g} ms {} the speed", 1e3 * std::abs(lead_s),
+                     lead_s < 0 ? "after" : "before");
+}
+
 DynamicsOptions options_of(const Setting& setting, unsigned threads) {
   return {.robust = setting.robust, .rotor_inertia = setting.rotor_inertia, .prior = setting.prior, .threads = threads};
 }

@@ -6,6 +6,7 @@
 
 #include <Eigen/Dense>
 
+#include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
 #include <tribotwin/twin/identification/rigid_body/dynamics.hpp>
 
 /// How well dynamics predict samples that they were not fitted to.
@@ -14,6 +15,7 @@ namespace tribotwin::twin::identification {
 /// A way to identify a robot's dynamics.
 struct Setting {
   Preparation signals;
+  LagOf lag_of = LagOf::joint;
   const friction::LawInfo* law = &coulomb_viscous();
   std::vector<double> stribeck_share;  ///< per rotor, of its largest speed: vs where the law holds one; empty: 0.1
   Directional directional{.offset = true};
@@ -23,6 +25,9 @@ struct Setting {
   double prior = 0;                  ///< as in DynamicsOptions
   std::vector<CoupledMotor> motors;  ///< that were chosen; those of the given regressor are not among them
 };
+
+/// "friction that turns 8 ms before the speed"
+std::string turn_text(double lead_s);
 
 /// Options of a fit with this setting; its signals and friction are arguments of their own.
 DynamicsOptions options_of(const Setting& setting, unsigned threads);

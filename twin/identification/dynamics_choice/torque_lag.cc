@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <tribotwin/twin/identification/dynamics_choice/torque_lag.hpp>
+#include <tribotwin/twin/numerics/distributions.hpp>
 
 namespace tribotwin::twin::identification {
 namespace {
@@ -24,6 +25,7 @@ constexpr double least_part = 0.05;
 constexpr double apart = 0.5;
 /// A delay is the same at all frequencies: with this part of the cut-off it differs by fewer of its sigmas.
 constexpr double slower = 0.5, alike_sigmas = 3;
+constexpr double sigmas_of_95 = 1.96;
 
 class Search {
  public:
@@ -40,12 +42,15 @@ class Search {
     preparation_.reversals = false;
   }
 
-  Result<TorqueLag> run() && {
+  Result<TorqueLag> run(LagOf of) && {
     if (auto ok = settle(); !ok) return tl::unexpected(ok.error());
     if (hold_where_slower_differs())
       if (auto ok = settle(); !ok) return tl::unexpected(ok.error());
     name_lags();
-    if (std::exchange(preparation_.reversals, reversals_) == reversals_) return std::move(out_);
+    out_.alike = alike();
+    const bool one = of == LagOf::robot && out_.alike;
+    if (one) share(*out_.alike);
+    if (std::exchange(preparation_.reversals, reversals_) == reversals_ && !one) return std::move(out_);
     if (auto ok = fit(); !ok) return tl::unexpected(ok.error());
     return std::move(out_);
   }
@@ -148,6 +153,30 @@ class Search {
     }
   }
 
+  std::optional<Estimate> alike() const {
+    double weights = 0, sum = 0, squares = 0;
+    int estimated = 0;
+    for (const Estimate& e : out_.lag) {
+      if (e.status != Status::estimated) continue;
+      const double weight = 1 / (e.sigma * e.sigma);
+      weights += weight, sum += weight * e.value, squares += weight * e.value * e.value, ++estimated;
+    }
+    if (estimated == 0 || joints() < 2) return std::nullopt;
+    const double mean = sum / weights, sigma = 1 / std::sqrt(weights);
+    if (estimated > 1 && squares - weights * mean * mean > chi_squared_quantile(estimated - 1, 0.95))
+      return std::nullopt;
+    return Estimate{"", "s", mean, sigma, mean - sigmas_of_95 * sigma, mean + sigmas_of_95 * sigma, Status::estimated};
+  }
+
+  void share(const Estimate& lag) {
+    for (std::size_t j = 0; j < joints(); ++j) {
+      const std::string name = out_.lag[j].name;
+      out_.lag[j] = lag, out_.lag[j].name = name;
+      preparation_.lag_s[j] = lag.value;
+    }
+    out_.notes.clear();  // of joints that do not show theirs
+  }
+
   /// The last two lags that were tried and what the fits made of them.
   struct Steps {
     double lag_s = 0, step_s = 0;
@@ -184,8 +213,8 @@ std::vector<double> TorqueLag::lag_s() const {
 }
 
 Result<TorqueLag> torque_lag(std::span<const RobotRecording> recordings, const Regressor& regressor,
-                             Preparation preparation, const LagFit& fit) {
-  return Search(recordings, regressor, std::move(preparation), fit).run();
+                             Preparation preparation, const LagFit& fit, LagOf of) {
+  return Search(recordings, regressor, std::move(preparation), fit).run(of);
 }
 
 }  // namespace tribotwin::twin::identification

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -15,14 +16,21 @@ namespace tribotwin::twin::identification {
 using LagFit = std::function<Result<DynamicsFit>(JointMotion& motion)>;
 
 struct TorqueLag {
-  std::vector<Estimate> lag;  ///< per joint [s], > 0: the torque is late; `held` at 0 where it is not identifiable
-  JointMotion motion;         ///< without the lags
-  DynamicsFit fit;            ///< of it; its sigmas count those of the lags
+  /// Per joint [s], > 0: the torque is late; `held` at 0 where it is not identifiable. One for all joints: each has it
+  /// with the sigma of their mean, also where it does not show.
+  std::vector<Estimate> lag;
+  /// Mean of the joints' own by their sigmas, where they differ by chance only (chi-squared, 95 %) and any is
+  /// estimated; of a robot with more than one joint.
+  std::optional<Estimate> alike;
+  JointMotion motion;  ///< without the lags
+  DynamicsFit fit;     ///< of it; its sigmas count those of the lags
   std::vector<std::string> notes;
 
   /// For Preparation::lag_s.
   std::vector<double> lag_s() const;
 };
+
+enum class LagOf { joint, robot };
 
 /// The lag of every joint's torque: each round fits the dynamics with the lag as one more unknown, whose column is the
 /// slope of the predicted torque by time, and shifts the torques by what it finds, divided by the part of a lag that
@@ -31,8 +39,10 @@ struct TorqueLag {
 /// cut-off puts more than three sigmas elsewhere (elasticity, or friction that the law does not know). Rows near
 /// reversals say nothing of the lag, even where they count: friction follows a reversal late by itself. Where files
 /// differ by more than their sigmas, the lag's own counts that.
+/// `of` the robot: what all torques have in common, as those of one bus, `alike`, becomes the lag of every joint; where
+/// there is none, as of joints.
 /// `preparation`'s own lags are where it starts. Errors as of prepare() and `fit`.
 Result<TorqueLag> torque_lag(std::span<const RobotRecording> recordings, const Regressor& regressor,
-                             Preparation preparation, const LagFit& fit);
+                             Preparation preparation, const LagFit& fit, LagOf of = LagOf::joint);
 
 }  // namespace tribotwin::twin::identification

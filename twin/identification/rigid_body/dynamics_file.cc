@@ -308,8 +308,9 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   out << YAML::Key << "estimator" << YAML::Value << std::string(estimator_of(fit));
   out << YAML::Key << "signals" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "cutoff_hz"
       << YAML::Value << origin.signals.cutoff_hz << YAML::Key << "recorded_velocity" << YAML::Value
-      << origin.signals.recorded_velocity << YAML::Key << "reversals" << YAML::Value << origin.signals.reversals
-      << YAML::EndMap;
+      << origin.signals.recorded_velocity << YAML::Key << "reversals" << YAML::Value << origin.signals.reversals;
+  if (origin.signals.turn_lead_s != 0) out << YAML::Key << "turn_lead_s" << YAML::Value << origin.signals.turn_lead_s;
+  out << YAML::EndMap;
   write_coupling(out, regressor);
   write_gains(out, origin.drive_gains);
   if (!origin.torque_max_nm.empty()) {
@@ -453,6 +454,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
     out.signals.cutoff_hz = signals->number("cutoff_hz", {0, 1e6});
     out.signals.recorded_velocity = signals->flag_or("recorded_velocity", false);
     out.signals.reversals = signals->flag_or("reversals", false);
+    out.signals.turn_lead_s = signals->number_or("turn_lead_s", 0, {-largest_lag_s, largest_lag_s});
     if (signals->has("reversal_periods")) (void)signals->number("reversal_periods", {0, 100});  // of earlier versions
     signals->done();
   }

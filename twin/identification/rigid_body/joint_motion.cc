@@ -111,6 +111,7 @@ struct Filtering {
   Index edge;                       ///< samples left out at either end, where the filter rings or a lag reaches beyond
   Index beside_rest, longest_turn;  ///< samples
   Index beside_slow;                ///< kept samples; 0: those near reversals count
+  double turn_lead;                 ///< samples
 };
 
 Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, const Sampling& sampling,
@@ -139,7 +140,8 @@ Result<Filtering> filtering_of(const RobotRecording& rec, const Stretch& s, cons
       .edge = static_cast<Index>(std::ceil(std::max(ringing / settling, longest_lag_s) * rate)),
       .beside_rest = static_cast<Index>(std::ceil(preparation.rest_periods * rate / cutoff)),
       .longest_turn = static_cast<Index>(longest_turn * rate / std::max(cutoff, widest)),
-      .beside_slow = preparation.reversals ? 0 : static_cast<Index>(std::ceil(guard / static_cast<double>(every)))};
+      .beside_slow = preparation.reversals ? 0 : static_cast<Index>(std::ceil(guard / static_cast<double>(every))),
+      .turn_lead = preparation.reversals ? preparation.turn_lead_s * rate : 0};
 }
 
 /// The samples of one joint in a stretch, filtered where they are noisy.
@@ -390,7 +392,7 @@ void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest
   const Filtering& f = p.filtering;
   const double slowest = std::clamp(above_noise * noise, slow * fastest, slow_with_noise * fastest);
   const Sliding sliding = sliding_of(speed, slowest, far * range * f.rate_hz, static_cast<std::size_t>(f.longest_turn));
-  const std::vector<double> direction = low_passed(sliding.direction, f.rate_hz, f.cutoff_hz);
+  const std::vector<double> direction = advanced(low_passed(sliding.direction, f.rate_hz, f.cutoff_hz), f.turn_lead);
   const std::vector<bool> at_rest = widened(sliding.rest, static_cast<std::size_t>(f.beside_rest));
   std::vector<double> kept;
   for (Index k = 0; k < p.q.cols(); ++k) kept.push_back(r.speed(rotor, p.qd.col(k)));

@@ -44,6 +44,9 @@ struct Preparation {
   /// filter leaves 0.04 of a step after one of them, 0.003 after two; but the rows beside rests are those of low
   /// speeds.
   double rest_periods = 1;
+  /// Where reversals count: how long before the speed turns the friction does [s], as a joint that sticks for a moment
+  /// holds less than it did before; negative: after it.
+  double turn_lead_s = 0;
   bool still_joints = false;  ///< joints may rest in all recordings
   /// Per joint: how late its torques were recorded [s], negative where early; removed. Empty: none. More than half a
   /// period of the cut-off (`narrowest_hz`) costs more of the ends.

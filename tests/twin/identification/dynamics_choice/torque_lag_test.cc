@@ -56,10 +56,12 @@ class Arm {
     return r;
   }
 
-  Result<TorqueLag> found(const std::vector<RobotRecording>& recordings, const Preparation& preparation = {}) const {
-    return torque_lag(recordings, regressor_, preparation, [&](JointMotion& motion) {
+  Result<TorqueLag> found(const std::vector<RobotRecording>& recordings, const Preparation& preparation = {},
+                          LagOf of = LagOf::joint) const {
+    const auto fit = [&](JointMotion& motion) {
       return fit_dynamics(regressor_, base_, friction_, motion, {.lag = true, .threads = 1});
-    });
+    };
+    return torque_lag(recordings, regressor_, preparation, fit, of);
   }
 
  private:
@@ -159,6 +161,36 @@ TEST(TorqueLag, LeavesNoErrorInTheParameters) {
     EXPECT_NEAR(found->fit.base[k].value, on_time->fit.base[k].value, found->fit.base[k].sigma)
         << found->fit.base[k].name;
   EXPECT_NEAR(found->fit.relative_error, on_time->fit.relative_error, 0.1 * on_time->fit.relative_error);
+}
+
+/// The joints' own differ by chance: their mean is each joint's, also where one does not show its own.
+TEST(TorqueLag, OfTheRobotIsTheMeanOfItsJoints) {
+  Arm arm;
+  for (const double offset_only : {0, 1}) {
+    const auto late = arm.recording({.lag_s = {0.008, 0.008}, .offset_only = offset_only}, 3);
+    const auto own = arm.found({late}), one = arm.found({late}, {}, LagOf::robot);
+    ASSERT_TRUE(own && one);
+    ASSERT_TRUE(own->alike);
+    EXPECT_NEAR(own->alike->value, 0.008, 4 * own->alike->sigma);
+    for (const Estimate& e : own->lag)
+      if (e.status == Status::estimated) EXPECT_LE(own->alike->sigma, e.sigma) << e.name;
+    for (std::size_t j = 0; j < 2; ++j) {
+      EXPECT_EQ(one->lag[j].value, own->alike->value);
+      EXPECT_EQ(one->lag[j].status, Status::estimated);
+      EXPECT_EQ(one->motion.lag_s[j], own->alike->value);
+    }
+    EXPECT_EQ(one->lag[1].name, "elbow");
+    EXPECT_TRUE(one->notes.empty()) << testing::PrintToString(one->notes);
+  }
+}
+
+TEST(TorqueLag, OfJointsThatDifferIsTheirOwn) {
+  Arm arm;
+  const auto late = arm.recording({.lag_s = {0.012, -0.008}}, 3);
+  const auto own = arm.found({late}), one = arm.found({late}, {}, LagOf::robot);
+  ASSERT_TRUE(own && one);
+  EXPECT_FALSE(own->alike);
+  for (std::size_t j = 0; j < 2; ++j) EXPECT_EQ(one->lag[j].value, own->lag[j].value);
 }
 
 /// A lag of the mean is none of a file's: its sigma says so, and files are told apart by theirs.

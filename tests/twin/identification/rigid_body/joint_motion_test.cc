@@ -127,6 +127,27 @@ TEST(JointMotion, TurnsBiasNothingAndAreKept) {
   }
 }
 
+// A lead moves the turns of the friction and nothing else; where rows beside turns are left out there is none.
+TEST(JointMotion, FrictionMayTurnBeforeTheSpeed) {
+  const Axis axis;
+  const auto r = axis.recording(Sines(1, 5), {}, 7);
+  const Preparation as_the_speed{.cutoff_hz = 10, .decimation = 1, .reversals = true};
+  Preparation before = as_the_speed, without = as_the_speed;
+  constexpr Index samples = 6;
+  before.turn_lead_s = samples * (r.time_s[1] - r.time_s[0]);
+  const auto a = prepare({&r, 1}, axis.regressor(), as_the_speed), b = prepare({&r, 1}, axis.regressor(), before);
+  ASSERT_TRUE(a && b);
+  const Index n = a->size() - samples;
+  EXPECT_LT((b->direction.leftCols(n) - a->direction.rightCols(n)).cwiseAbs().maxCoeff(), 1e-9);
+  EXPECT_GT((b->direction - a->direction).cwiseAbs().maxCoeff(), 0.1);
+  EXPECT_EQ(a->qd, b->qd);
+  EXPECT_EQ(a->torque, b->torque);
+  EXPECT_EQ(a->moving, b->moving);
+  without.reversals = before.reversals = false;
+  EXPECT_EQ(prepare({&r, 1}, axis.regressor(), without)->direction,
+            prepare({&r, 1}, axis.regressor(), before)->direction);
+}
+
 // Rows that are kept may be far apart: a turn between two of them is as near as one in them.
 TEST(JointMotion, TurnsBetweenKeptSamplesAreLeftOut) {
   const Axis axis;
