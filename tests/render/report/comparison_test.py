@@ -476,25 +476,6 @@ def take_several(n, cases):
     table("friction work [kJ]", ".5g", lambda c: c.works_J[0] / 1e3)
     table("motor work [kJ]", ".5g", lambda c: c.works_J[1] / 1e3)
     table("maximum load", ".3f", lambda c: c.joint["load_norm"]["max"])
-    if len(cases) < 7:
-        take_differences(n, cases)
-
-
-def take_differences(n, cases):
-    """The table of what each run differs by from the first, without what differs in none."""
-    first, *others = cases
-
-    def row(what, unit, value):
-        cells = [share_of(value(first), value(c), unit).replace(" ", "\xa0").replace(",\xa0", ", ") for c in others]
-        if set(cells) != {"none"}:
-            n.take("differences: " + what, "\n".join([what, *cells]) + "\n")
-
-    row("hinge: friction, RMS", "Nm", lambda c: c.rms)
-    row("hinge: friction power", "W", lambda c: c.power_W)
-    row("hinge: maximum temperature", "°C", lambda c: c.max_degC)
-    row("friction work", "kJ", lambda c: c.works_J[0] / 1e3)
-    row("motor work", "kJ", lambda c: c.works_J[1] / 1e3)
-    row("maximum load", "", lambda c: c.joint["load_norm"]["max"])
 
 
 def take_case(n, c):

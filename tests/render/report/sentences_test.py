@@ -165,43 +165,6 @@ wanted = f"hinge: friction power [W]\n{a:.4g}\n{b:.4g}\n{b - a:+.3g} ± {scatter
 check(
     "a difference of powers has its scatter", wanted in read and "± is the standard deviation" in read, (wanted, read)
 )
-shutil.copytree(path("calm"), path("hush"))
-run(report, "calm", "loud", "hush", "-o", "three.html", "--quiet")
-read = text_of(content("three.html"))
-wanted = f"{b - a:+.3g} ± {scatter:.2g} W, {100 * (b / a - 1):+.1f} %".replace(" ", "\xa0").replace(",\xa0", ", ")
-check(
-    "of three runs each has its difference from the first, with its scatter",
-    "difference from calm\nloud\nhush\n" in read
-    and f"hinge: friction power\n{wanted}\nnone\n" in read
-    and "± is the standard deviation" in read,
-    (wanted, read),
-)
-compared("on", "less")
-read = text_of(content("compared.html"))
-check("without work cycles there is none, and it is said", "No ±: too few" in read and "power [W]" not in read, read)
-with h5py.File(path("on/telemetry.h5")) as f:
-    time, friction = f["time_s"][:], f["hinge/friction_nm"][:]
-window = np.minimum(9 * (time - time[0]) // np.ptp(time), 8)  # nine windows of five samples or more
-rms = [np.sqrt(np.mean(friction[window == k] ** 2)) for k in range(9)]
-data = [json.loads(html.unescape(d)) for d in re.findall(r'data-figure="([^"]*)"', content("compared.html"))]
-drawn = next(d["series"][0]["y"] for d in data if d["y"]["quantity"] == "friction, RMS")
-check("a short run has windows with samples", len(drawn) == 9 and np.allclose(drawn, rms, rtol=1e-3), (drawn, rms))
-check("and says how long they are", "root mean square over 0.05 s." in read and "over 0.00 s" not in read, read)
-
-# Motors that brake more than they drive do no work that friction could have a share of, nor one with a ratio.
-for folder, motor_J in (("braked", -12.3), ("driven", 40)):
-    shutil.copytree(path("on"), path(folder))
-    s = json.loads(content(folder + "/summary.json"))
-    s["friction_work_J"], s["motor_work_J"] = 5, motor_J
-    write(folder + "/summary.json", json.dumps(s))
-run(report, "braked", "-o", "braked.html", "--quiet")
-read = text_of(content("braked.html"))
-said = "friction takes 5 J, while the motors brake more than they drive, by 12.3 J."
-check("motors that brake are said to", said in read and "% of -12.3 J" not in read, read[:1200])
-compared("braked", "driven")
-read = text_of(content("compared.html"))
-check("no ratio of works with two signs", "\n-12.3 J → 40 J\n+52.3 J\n" in read, read[:3000])
-check("nor in the table", "motor work [kJ]\n-0.0123\n0.04\n+0.0523 kJ\n" in read, read[:3000])
 
 # What matters of a run that repeats a recording is how near it comes.
 shutil.copytree(path("on"), path("repeated"))
