@@ -124,7 +124,7 @@ def judge_fault(command, over_old, truth, fault, at):
         complaints.append(f"exit code {r.code}: {r.stderr[-300:]!r}")
     else:
         # 2 where it takes what cannot be read for wrong input.
-        if r.code != 1 and not (r.code == 2 and fault in ("read", "open", "descriptors")):
+        if r.code != 1 and not (r.code == 2 and fault in ("read", "open", "list", "descriptors")):
             complaints.append(f"exit code {r.code}: {r.stderr[-300:]!r}")
         elif why := wrong_message(r, fault, failed) or wrong_reason(r, fault):
             complaints.append(why)

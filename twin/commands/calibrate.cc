@@ -30,9 +30,11 @@ struct Arguments {
 
 /// Fits what is missing; every fit that is done goes to `file`, every simulation of the others to the journal.
 Result<void> fit_missing(const Arguments& a, CalibrationResults& results, const fs::path& file, Journal* journal) {
-  const auto save = [&](const SimulationFit& fit) {
+  const auto save = [&](const SimulationFit& fit) -> Result<void> {
     results.fits.push_back(fit);
-    return write_file(file, calibration_file(results), Existing::replace);
+    if (auto ok = write_file(file, calibration_file(results), Existing::replace); !ok)
+      return work_failed(ok.error().message);
+    return {};
   };
   Progress progress(a.quiet, "calibrating");
   const auto started = std::chrono::steady_clock::now();
@@ -49,7 +51,7 @@ Result<void> fit_missing(const Arguments& a, CalibrationResults& results, const 
                                   .stop = &interrupted(),
                                   .progress = show,
                                   .done = save});
-  if (!outcome) return work_failed(outcome.error().message);
+  if (!outcome) return tl::unexpected(outcome.error());
   return {};
 }
 

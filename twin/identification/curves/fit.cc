@@ -64,6 +64,8 @@ class Identification {
   Result<void> estimate_covariance();
   /// Covariance with the arcs of the residuals, if there are any, and the half widths of intervals.
   void count_misfit();
+  /// Nothing that a direction without information moves has a variance.
+  void withhold_untold();
   void fill_parameters();
   void make_law();
   Fit report();
@@ -280,6 +282,25 @@ void Identification::count_misfit() {
   covariance_ = all;
 }
 
+void Identification::withhold_untold() {
+  constexpr double no_information = 1e-13, rounding = 1e-6;
+  if (coordinates_.empty()) return;
+  const std::vector<Index> at(coordinates_.begin(), coordinates_.end());
+  const MatrixXd to = to_parameters()(Eigen::all, at);
+  const VectorXd unit = information_.diagonal().unaryExpr([](double x) { return x > 1e-200 ? 1 / std::sqrt(x) : 0; });
+  const SymmetricEigen eigen = symmetric_eigen(unit.asDiagonal() * information_ * unit.asDiagonal());
+  for (Index k = 0; k < eigen.values.size(); ++k) {
+    if (eigen.values(k) > no_information * eigen.values.maxCoeff()) continue;
+    const VectorXd direction =
+        unit.asDiagonal() *
+        VectorXd(eigen.vectors.col(k).unaryExpr([](double x) { return std::abs(x) < rounding ? 0 : x; }));
+    const VectorXd moved = to * direction, largest = to.cwiseAbs() * direction.cwiseAbs();
+    for (Index i = 0; i < moved.size(); ++i)
+      if (std::abs(moved(i)) > rounding * largest(i))
+        covariance_.row(i).setConstant(unknown), covariance_.col(i).setConstant(unknown);
+  }
+}
+
 MatrixXd Identification::information(VectorXd* slope) {
   const MatrixXd of_law = problem_.information(point_, coordinates_);
   if (!directed_) return of_law;
@@ -433,7 +454,7 @@ Estimate Identification::estimate(std::size_t j, double value) const {
                                              : Status::held};
   if (estimated) {
     const auto i = static_cast<Index>(j);
-    e.sigma = std::sqrt(std::max(0.0, covariance_(i, i)));
+    e.sigma = covariance_(i, i) < 0 ? 0 : std::sqrt(covariance_(i, i));
     e.low = e.value - interval_(i) * e.sigma;
     e.high = e.value + interval_(i) * e.sigma;
   }
@@ -515,6 +536,7 @@ Result<std::optional<Fit>> identify(const friction::LawInfo& law, const Samples&
     return tl::unexpected(ok.error());
   }
   identification.count_misfit();
+  identification.withhold_untold();
   identification.fill_parameters();
   identification.make_law();
   return identification.report();

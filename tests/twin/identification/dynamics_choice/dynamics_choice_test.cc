@@ -219,12 +219,12 @@ TEST(Choice, SaysInWhichBandErrorsOfALagAreCounted) {
   for (auto& r : recordings)
     for (Index i = r.torque.cols() - 1; i >= 3; --i) r.torque.col(i) = r.torque.col(i - 3);
   const DynamicsChoice choice = arm.choice(recordings);
-  ASSERT_TRUE(taken(choice, "lag of torques"));
+  ASSERT_TRUE(taken(choice, "torques:"));
   EXPECT_EQ(choice.lag_target_hz, choice.setting.signals.cutoff_hz);
   // What the lag gains is not what a narrower band gains: it is the same where that band is the only one.
   const DynamicsChoice one_band = arm.choice(recordings, {.cutoff_hz = choice.lag_target_hz});
-  ASSERT_TRUE(taken(one_band, "lag of torques"));
-  EXPECT_NEAR(taken(choice, "lag of torques")->change, taken(one_band, "lag of torques")->change, 0.02);
+  ASSERT_TRUE(taken(one_band, "torques:"));
+  EXPECT_NEAR(taken(choice, "torques:")->change, taken(one_band, "torques:")->change, 0.02);
   // Of white noise a band keeps the root of its share.
   const double noise_nm = recorded_noise_nm * std::sqrt(2 * choice.lag_target_hz / 125);
   EXPECT_THAT(choice.trials.back().rms,

@@ -163,17 +163,30 @@ TEST(TorqueLag, LeavesNoErrorInTheParameters) {
   EXPECT_NEAR(found->fit.relative_error, on_time->fit.relative_error, 0.1 * on_time->fit.relative_error);
 }
 
-/// The joints' own differ by chance: their mean is each joint's, also where one does not show its own.
+/// Joints of the same lag differ by chance in 95 % of recordings; their mean is the lag, within its sigmas.
 TEST(TorqueLag, OfTheRobotIsTheMeanOfItsJoints) {
+  constexpr int recordings = 40, alike_least = 35, within_least = 34;  // 1 in 100 times fewer
+  Arm arm;
+  int alike = 0, within = 0;
+  for (unsigned seed = 1; seed <= recordings; ++seed) {
+    const auto own = arm.found({arm.recording({.lag_s = {0.008, 0.008}}, seed)});
+    ASSERT_TRUE(own);
+    if (!own->alike) continue;
+    ++alike, within += std::abs(own->alike->value - 0.008) < 2 * own->alike->sigma;
+    for (const Estimate& e : own->lag) EXPECT_LE(own->alike->sigma, e.sigma) << e.name;
+  }
+  EXPECT_GE(alike, alike_least);
+  EXPECT_GE(within, within_least);
+}
+
+/// Also of the joint that does not show its own.
+TEST(TorqueLag, OfTheRobotIsEachJoints) {
   Arm arm;
   for (const double offset_only : {0, 1}) {
-    const auto late = arm.recording({.lag_s = {0.008, 0.008}, .offset_only = offset_only}, 3);
+    const auto late = arm.recording({.lag_s = {0.008, 0.008}, .offset_only = offset_only}, 4);
     const auto own = arm.found({late}), one = arm.found({late}, {}, LagOf::robot);
     ASSERT_TRUE(own && one);
     ASSERT_TRUE(own->alike);
-    EXPECT_NEAR(own->alike->value, 0.008, 4 * own->alike->sigma);
-    for (const Estimate& e : own->lag)
-      if (e.status == Status::estimated) EXPECT_LE(own->alike->sigma, e.sigma) << e.name;
     for (std::size_t j = 0; j < 2; ++j) {
       EXPECT_EQ(one->lag[j].value, own->alike->value);
       EXPECT_EQ(one->lag[j].status, Status::estimated);
