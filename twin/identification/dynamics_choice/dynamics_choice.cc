@@ -622,8 +622,12 @@ class Chooser {
     every_sample.narrowest_hz = every_sample.widest_hz = 0;
     Setting without_outliers = s;  // which look like steps, and a step like a lag
     without_outliers.robust = decided_.robust.value_or(Robust::tukey);
-    const auto found = torque_lag(recordings_, regressor_, std::move(every_sample),
-                                  [&](JointMotion& motion) { return fit_with(without_outliers, motion); });
+    DynamicsFit start = best_.fit;
+    const auto found = torque_lag(recordings_, regressor_, std::move(every_sample), [&](JointMotion& motion) {
+      auto fit = fit_with(without_outliers, motion, start);
+      if (fit) start = *fit;
+      return fit;
+    });
     if (!found) return {};
     const auto proven = [](const Estimate& e) {
       return e.status == Status::estimated && std::abs(e.value) > lag_sigmas * e.sigma;
@@ -659,11 +663,12 @@ class Chooser {
     return best;
   }
 
-  Result<DynamicsFit> fit_with(const Setting& s, const JointMotion& motion) const {
+  Result<DynamicsFit> fit_with(const Setting& s, const JointMotion& motion, const DynamicsFit& start) const {
     const auto friction = friction_of(model_, regressor_, s, torque_max_nm_, target_.motion);
     if (!friction) return tl::unexpected(friction.error());
     DynamicsOptions options = options_of(s, threads_);
     options.lag = true;
+    options.start = &start;
     return fit_dynamics(regressor_, base_, *friction, motion, options);
   }
 

@@ -154,7 +154,12 @@ class DynamicsProblem::Accumulator {
         row(at) = own(c);
     row(row.size() - 1) = own(own.size() - 1);
   }
-  std::vector<TriangularFactor> factors() && { return std::move(R_); }
+  /// Per joint, upper triangular.
+  std::vector<MatrixXd> factors() const {
+    std::vector<MatrixXd> out;
+    for (const TriangularFactor& R : R_) out.push_back(R.R());
+    return out;
+  }
 
  private:
   /// Yb_ of sample i.
@@ -215,23 +220,18 @@ class DynamicsProblem::Accumulator {
 
 DynamicsProblem::Pass DynamicsProblem::pass(const RobotParameters& parameters, const Weight* weight) const {
   Pass out{.R = {},
-           .of_block = {},
+           .of_block = std::vector<std::vector<MatrixXd>>(blocks_.size()),
            .residual = MatrixXd::Constant(joints(), motion_.size(), std::numeric_limits<double>::quiet_NaN())};
-  std::vector<std::vector<TriangularFactor>> partial(blocks_.size());
   in_parallel(blocks_.size(), threads_, [&](std::size_t b) {
     Accumulator own(*this, parameters, weight);
     for (Index i = blocks_[b].first; i < blocks_[b].second; ++i) own.add(i, out.residual);
-    partial[b] = std::move(own).factors();
+    out.of_block[b] = own.factors();
   });
   if (!weight) return out;
-  for (const auto& block : partial) {
-    auto& of_joints = out.of_block.emplace_back();
-    for (const auto& R : block) of_joints.push_back(R.R());
-  }
   out.R.resize(columns_.size());
   in_parallel(columns_.size(), threads_, [&](std::size_t j) {
     TriangularFactor all(static_cast<Index>(columns_[j].size()) + 1);
-    for (const auto& block : partial) all.add(block[j]);
+    for (const auto& block : out.of_block) all.add(block[j]);
     out.R[j] = all.R();
   });
   return out;
