@@ -24,7 +24,7 @@ namespace {
 
 using Eigen::Index, Eigen::MatrixXd, Eigen::VectorXd;
 
-constexpr double unknown = std::numeric_limits<double>::quiet_NaN(), tukey_limit = 4.685;
+constexpr double unknown = std::numeric_limits<double>::quiet_NaN(), huber_limit = 1.345, tukey_limit = 4.685;
 const DynamicsProblem::Weight no_weight = [](Index, double) { return 1.0; };
 
 /// Number of correlated samples per independent one: variance of means over batches of increasing length, relative to
@@ -54,11 +54,20 @@ double robust_weight(Robust robust, double residual_per_sigma) {
     case Robust::none:
       return 1;
     case Robust::huber:
-      return r <= 1.345 ? 1 : std::sqrt(1.345 / r);
+      return r <= huber_limit ? 1 : std::sqrt(huber_limit / r);
     case Robust::tukey:
       return r < tukey_limit ? 1 - (r / tukey_limit) * (r / tukey_limit) : 0;
   }
   return 1;
+}
+
+/// The loss that reweighting with `robust_weight` minimises, in squares of sigma.
+double robust_loss(Robust robust, double residual_per_sigma) {
+  const double r = std::abs(residual_per_sigma);
+  if (robust == Robust::huber && r > huber_limit) return huber_limit * (2 * r - huber_limit);
+  if (robust != Robust::tukey) return r * r;
+  const double inside = r < tukey_limit ? 1 - std::pow(r / tukey_limit, 2) : 0;
+  return tukey_limit * tukey_limit / 3 * (1 - inside * inside * inside);
 }
 
 /// Standard deviation; in robust fits by the median of magnitudes.
@@ -382,11 +391,8 @@ class Identification {
     double sum = prior_.size() == 0 ? 0 : (of_model_ - now_.base).dot(prior_ * (of_model_ - now_.base));
     for (Index j = 0; j < joints(); ++j)
       for (Index i = 0; i < motion_.size(); ++i)
-        if (const double r = residual(j, i); !std::isnan(r)) {
-          const double limit =
-              options_.robust == Robust::none ? std::abs(r) : std::min(std::abs(r), tukey_limit * noise_(j));
-          sum += weights_(j) * weights_(j) * limit * limit;
-        }
+        if (const double r = residual(j, i); !std::isnan(r))
+          sum += std::pow(weights_(j) * noise_(j), 2) * robust_loss(options_.robust, r / noise_(j));
     return sum;
   }
 
