@@ -300,6 +300,22 @@ TEST(HeldOut, IsPredictedByTheOtherFilesAlone) {
   EXPECT_LT(std::sqrt(squares / count), 0.03);  // Nm: steps end at a tenth of a sigma; of weights by all files 0.35
 }
 
+// Steps that are judged by another loss than the one that weights minimise shrink to nothing, and the fit says so.
+TEST(RobustFit, EndsAtItsMinimum) {
+  Arm arm;
+  const std::vector<double> torque_max_nm{100, 50};
+  const auto training = arm.recordings({.stribeck_nm = 4, .per_load = 0.1, .ripple = 0.1, .outliers = 0.05}, 80);
+  for (const Robust robust : {Robust::huber, Robust::tukey})
+    for (const char* law : {"coulomb_viscous", "coulomb_viscous_load"}) {
+      const Setting s{.law = *dynamics_law(law, "law"), .robust = robust};
+      const auto motion = prepare(training, arm.regressor(), s.signals);
+      const auto friction = friction_of(arm.model(), arm.regressor(), s, torque_max_nm, *motion);
+      const auto fit = fit_dynamics(arm.regressor(), arm.base(), *friction, *motion, {.robust = robust, .threads = 1});
+      ASSERT_TRUE(fit) << fit.error().message;
+      EXPECT_THAT(fit->notes, testing::Not(testing::Contains(testing::HasSubstr("still move")))) << law;
+    }
+}
+
 // Lower cut-offs bridge longer holes; but errors are compared over the same samples.
 TEST(Choice, ComparesTheSameSamplesWhereTimeHasHoles) {
   Arm arm;
