@@ -82,7 +82,9 @@ def wrong_message(r, fault, failed):
     """What is wrong with stderr of a command that gave up."""
     lines = [line for line in r.stderr.splitlines() if line.startswith(tuple(p + ": " for p in own))]
     others = [
-        line for line in r.stderr.splitlines() if line not in lines and not line.startswith(("note:", "warning:"))
+        line
+        for line in r.stderr.splitlines()
+        if line not in lines and not line.startswith(("note:", "warning:", "web:"))
     ]
     if len(lines) != 1:
         return f"{len(lines)} messages: {r.stderr[-300:]!r}"

@@ -1006,7 +1006,7 @@ def make_inputs():
         made("hil", "ros2", "scenario.yaml", "-o", "old_bus", "--cycle", "20")
     if programs["report"]:
         os.mkdir(inputs + "/old_figures")
-        for name in ("friction_curves.png", "of_another_page.png"):
+        for name in ("01_curve.png", "of_another_page.png"):
             write("old_figures/" + name, "what was in it before\n")
     if any(c.costly for c in commands):
         make_campaigns()
