@@ -3,9 +3,10 @@ the folder; its test programs (the same folder under tests/) are built and run, 
 
     python3 tests/mutate.py --build build/release --count 20 plugins/friction hil/canopen+hil/cia402
 
-A folder behind + has further tests of the first. Prints one line per mistake that no test found, and a table. Exit code
-1 below --least. Works in a checkout without changes in these folders, one at a time. What the compiler refuses is not
-counted."""
+A folder behind + has further tests of the first. Prints one line per mistake that no test found, and a table, also
+when a signal ends it. Exit code 1 below --least. Works in a checkout without changes in these folders, one at a time.
+What the compiler refuses is not counted. A test that a mistake keeps from ending, for 20 s and five times its time
+without one, has found it."""
 import argparse, os, random, re, signal, subprocess, sys, time
 
 # What is mistaken for what: operators, comparisons, numbers, signs, conditions, statements left out.
@@ -77,27 +78,34 @@ class Folder:
     def __init__(self, root, build, folders):
         self.name, *more = folders.split("+")
         self.build, self.path = build, os.path.join(root, self.name)
+        self.tried = self.found = self.refused = 0
         self.programs = [program for folder in (self.name, *more) for program in self.test_programs(root, folder)]
-        begun = time.monotonic()
-        if not self.programs or not run(["ninja", "-C", build, *self.programs]) or not self.passes(None):
+        self.seconds = dict.fromkeys(self.programs)  # how long each may take
+        if not self.programs or not run(["ninja", "-C", build, *self.programs]) or not self.passes():
             sys.exit(f"{folders}: has no test programs that are built and pass without a mistake")
-        self.seconds = 20 + 5 * (time.monotonic() - begun)
+        self.programs.sort(key=self.seconds.get)
 
     @staticmethod
     def test_programs(root, folder):
         names = sorted(name for name in os.listdir(os.path.join(root, "tests", folder)) if name.endswith("_test.cc"))
         return [f"{folder}/{name[:-3]}".replace("/", "_") for name in names]
 
-    def passes(self, seconds):
-        tests = (os.path.join(self.build, "tests", program) for program in self.programs)
+    def passes(self):
+        return all(self.passes_one(program) for program in self.programs)
+
+    def passes_one(self, program):
+        test = os.path.join(self.build, "tests", program)
         limited = ["prlimit", f"--as={4 << 30}"]  # a mistake may ask for any memory
-        return all(run([*limited, test, "--gtest_brief=1", "--gtest_fail_fast"], seconds) for test in tests)
+        begun = time.monotonic()
+        good = run([*limited, test, "--gtest_brief=1", "--gtest_fail_fast"], self.seconds[program])
+        self.seconds[program] = self.seconds[program] or 20 + 5 * (time.monotonic() - begun)
+        return good
 
     def mistakes(self):
         files = sorted(os.path.join(self.path, name) for name in os.listdir(self.path) if name.endswith(".cc"))
         return [(file, *mistake) for file in files for mistake in mistakes_of(file)]
 
-    def found(self, file, number, new):
+    def finds(self, file, number, new):
         """Whether a test fails; None where the mistake does not compile."""
         with open(file) as f:
             text = f.read()
@@ -107,25 +115,31 @@ class Folder:
             with open(file, "w") as f:
                 f.write("\n".join(lines))
             built = run(["ninja", "-C", self.build, *self.programs], 1800, CCACHE_DISABLE="1")
-            return not self.passes(self.seconds) if built else None
+            return not self.passes() if built else None
         finally:
             with open(file, "w") as f:
                 f.write(text)
 
     def try_out(self, count, choice):
-        """Numbers of mistakes: tried, found, refused by the compiler, possible."""
+        """That many mistakes, counted in tried, found and refused (by the compiler)."""
         possible = self.mistakes()
         choice.shuffle(possible)
-        tried = found = refused = 0
         for file, number, old, new in possible:
-            if tried == count:
+            if self.tried == count:
                 break
-            result = self.found(file, number, new)
-            tried, found, refused = tried + (result is not None), found + bool(result), refused + (result is None)
+            result = self.finds(file, number, new)
+            self.tried += result is not None
+            self.found += bool(result)
+            self.refused += result is None
             if result is False:
                 print(f"{self.name}/{os.path.basename(file)}:{number + 1}: {old.strip()} -> {new.strip()}", flush=True)
         run(["ninja", "-C", self.build, *self.programs])
-        return tried, found, refused, len(possible)
+
+    def row(self):
+        share = 100 * self.found / max(1, self.tried)
+        return (
+            f"| {self.name} | {self.tried} | {self.found} | {share:.0f} % | {self.refused} | {len(self.mistakes())} |"
+        )
 
 
 def main():
@@ -141,14 +155,15 @@ def main():
     sources = [folders.split("+")[0] for folders in options.folders]
     if subprocess.run(["git", "-C", root, "diff", "--quiet", "--", *sources]).returncode:
         sys.exit("mutate.py: commit what is changed in these folders first")
-    rows = []
-    for folders in options.folders:
-        folder = Folder(root, os.path.abspath(options.build), folders)
-        rows.append((folder.name, *folder.try_out(options.count, random.Random(options.seed))))
-    print("| folder | mistakes | found | share | refused by the compiler | possible |\n|---|---|---|---|---|---|")
-    for name, tried, found, refused, possible in rows:
-        print(f"| {name} | {tried} | {found} | {100 * found / max(1, tried):.0f} % | {refused} | {possible} |")
-    sys.exit(sum(row[2] for row in rows) < options.least * sum(row[1] for row in rows))
+    begun = []
+    try:
+        for folders in options.folders:
+            begun.append(Folder(root, os.path.abspath(options.build), folders))
+            begun[-1].try_out(options.count, random.Random(options.seed))
+    finally:
+        print("| folder | mistakes | found | share | refused by the compiler | possible |\n|---|---|---|---|---|---|")
+        print("\n".join(folder.row() for folder in begun))
+    sys.exit(sum(folder.found for folder in begun) < options.least * sum(folder.tried for folder in begun))
 
 
 if __name__ == "__main__":

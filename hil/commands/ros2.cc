@@ -5,7 +5,6 @@
 #include <fmt/format.h>
 
 #include <tribotwin/hil/canopen/eds.hpp>
-#include <tribotwin/hil/commands/output_folder.hpp>
 #include <tribotwin/hil/commands/program.hpp>
 #include <tribotwin/hil/ros2/bus.hpp>
 #include <tribotwin/hil/ros2/readme.hpp>
@@ -61,15 +60,15 @@ class MappedDrives {
   std::vector<DescribedDrive> described_;
 };
 
-std::vector<OutputFile> files(const Arguments& a, const Drives& drives) {
+std::vector<twin::OutputFile> files(const Arguments& a, const Drives& drives) {
   const MappedDrives mapped(drives.all());
   if (ros2_master_node(mapped.all()) == 0)
     throw InputError(
         fmt::format("{}: {} drives leave no node number for the master; at most 126", a.scenario, drives.all().size()));
   const Budget load = hil::budget(mapped.all(), 1e-3 * a.cycle_ms, a.bit_rate);
   if (load.max > 0.8) twin::note("{}", load.line());
-  const std::string folder = name_of_folder(a.folder);
-  std::vector<OutputFile> all{
+  const std::string folder = twin::name_of_folder(a.folder);
+  std::vector<twin::OutputFile> all{
       {"bus.yml", ros2_bus(mapped.all(), a.cycle_us())},
       {"README.md",
        ros2_readme(mapped.all(), {.folder = folder,
@@ -93,12 +92,12 @@ void note_rounding(const Arguments& a) {
 
 int run(const Arguments& a) {
   const twin::Scenario scenario = a.load();
-  twin::or_wrong_input(check_output_folder(a.folder, twin::replace_if(a.force)));
+  twin::or_wrong_input(twin::check_output_folder(a.folder, twin::replace_if(a.force)));
   const auto all = files(a, Drives(scenario, a));
   std::vector<NamedFile> outputs;
   for (const auto& file : all) outputs.push_back({"-o " + a.folder, fs::path(a.folder) / file.name});
   twin::or_wrong_input(refuse_shared(files_of(scenario), outputs));
-  twin::or_throw(write_folder(a.folder, all, twin::replace_if(a.force)));
+  twin::or_throw(twin::write_folder(a.folder, all, twin::replace_if(a.force)));
   note_rounding(a);
   if (a.json) {
     std::vector<std::string> names;

@@ -69,6 +69,7 @@ PageFile::PageFile(const PageOptions& options, const fs::path& otherwise, const 
   if (!formats_.empty() && !output_.force && fs::exists(figures_))
     throw twin::InputError(fmt::format("{}: exists; choose another name with -o, or replace what is in it with --force",
                                        figures_.string()));
+  if (!formats_.empty()) twin::or_wrong_input(twin::check_output_folder(figures_, twin::Existing::replace));
 }
 
 int PageFile::make(const std::string& command_line,
@@ -91,13 +92,8 @@ void PageFile::write_all(const Report& made) const {
   for (const auto& text : made.notes) twin::note("{}", text);
   std::vector<std::string> files;
   if (!made.figures.empty()) {
-    std::error_code error;
-    fs::create_directory(figures_, error);
-    if (error) throw std::runtime_error(fmt::format("{}: cannot be created ({})", figures_.string(), error.message()));
-    for (const auto& file : made.figures) {
-      files.push_back(figures_ / file.name);
-      twin::or_fail(twin::write_file(files.back(), file.bytes, output_.existing()));
-    }
+    for (const auto& file : made.figures) files.push_back(figures_ / file.name);
+    twin::or_fail(twin::write_folder(figures_, made.figures, output_.existing()));
     if (!output_.json) twin::print("{}/ ({} figures)\n", figures_.string(), made.figures.size());
   }
   if (!output_.json) return write(output_, made.html);

@@ -8,6 +8,7 @@
 #include <tribotwin/render/figure/figure.hpp>
 #include <tribotwin/render/offscreen/image.hpp>
 #include <tribotwin/render/page/page.hpp>
+#include <tribotwin/twin/io/file.hpp>
 
 namespace tribotwin::render {
 
@@ -20,13 +21,9 @@ struct ReportOptions {
   std::string date{};                    ///< when the newest file that is read was written: "2026-11-25"
 };
 
-struct File {
-  std::string name, bytes;
-};
-
 struct Report {
   std::string html;
-  std::vector<File> figures;
+  std::vector<twin::OutputFile> figures;
   std::vector<std::string> notes;  ///< what could not be shown, for stderr; the page says so too
 };
 
@@ -83,7 +80,7 @@ class IllustratedPage : public Page {
   Result<void> keep(const std::string& name, std::string bytes, const char* ending);
 
   std::vector<Format> formats_;
-  std::vector<File> files_;
+  std::vector<twin::OutputFile> files_;
   int shown_ = 0;
 };
 

@@ -48,7 +48,6 @@ Result<void> write_video(const std::filesystem::path& file, twin::Existing exist
                          std::shared_ptr<const mujoco::Model> model, const twin::Recording& record,
                          const PoseOptions& pose, const VideoOptions& options,
                          const std::function<void(double)>& progress) {
-  namespace fs = std::filesystem;
   const double wanted = options.length_s * options.frames_per_s;
   if (options.frames_per_s < 1 || options.frames_per_s > 240)
     return tl::unexpected(fmt::format("{} frames per second: must be 1 to 240", options.frames_per_s));
@@ -91,8 +90,9 @@ Result<void> write_video(const std::filesystem::path& file, twin::Existing exist
                                "-f",
                                "mp4",
                                "-y",
-                               fs::absolute(film->partial()).string()},
-                              "ffmpeg"});
+                               "/proc/self/fd/3"},  // by its name it would make the file again that a signal removed
+                              "ffmpeg",
+                              film->descriptor()});
   if (!ffmpeg) return tl::unexpected(ffmpeg.error());
   const auto fail = [&](const Error& e) {
     return tl::unexpected(Error(fmt::format("{}: {}", file.string(), e.message), e.kind));

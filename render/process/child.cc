@@ -43,6 +43,12 @@ Result<GSubprocess*> spawn(const Program& program, int flags, int stderr_file) {
   const std::unique_ptr<GSubprocessLauncher, decltype(&g_object_unref)> launcher(
       g_subprocess_launcher_new(static_cast<GSubprocessFlags>(flags)), g_object_unref);
   g_subprocess_launcher_take_stderr_fd(launcher.get(), fcntl(stderr_file, F_DUPFD_CLOEXEC, 0));
+  if (program.file >= 0) {
+    const int copy = fcntl(program.file, F_DUPFD_CLOEXEC, 0);
+    if (copy < 0)
+      return work_failed(fmt::format("{} cannot be started: {}", program.arguments[0], std::strerror(errno)));
+    g_subprocess_launcher_take_fd(launcher.get(), copy, 3);
+  }
   GSubprocess* process = g_subprocess_launcher_spawnv(launcher.get(), argv.data(), &error);
   if (process) return process;
   const bool missing = g_error_matches(error, G_SPAWN_ERROR, G_SPAWN_ERROR_NOENT);

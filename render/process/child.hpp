@@ -17,6 +17,8 @@ namespace tribotwin::render {
 struct Program {
   std::vector<std::string> arguments;  ///< the first is the program, looked up in PATH
   std::string package;                 ///< Debian package that has it
+  /// A file that it gets beside its standard streams, as /proc/self/fd/3; it stays the caller's. -1: none.
+  int file = -1;
 };
 
 /// A program that reads input while it works. Killed by the destructor.

@@ -349,6 +349,36 @@ def others(variant, truth, calls):
     return sum(way(variant, truth, calls) or 0 for way in ways)
 
 
+LATE = """#!/bin/sh
+touch "$LATE_FOLDER/begun"
+while kill -0 $PPID 2> /dev/null; do sleep 0.02; done
+for last; do :; done
+: > "$last"
+touch "$LATE_FOLDER/ended"
+"""
+
+
+def late_child(name):
+    """A signal while ffmpeg has not yet begun: when it does, it makes no file again that the signal removed."""
+    command = next(c for c in commands if c.name == "report video")
+    folder, place = prepare(command, False), new_folder()
+    with open(place + "/ffmpeg", "w") as f:
+        f.write(LATE)
+    os.chmod(place + "/ffmpeg", 0o755)
+    environment = {**os.environ, "PATH": place + ":" + os.environ["PATH"], "LATE_FOLDER": place}
+    process = subprocess.Popen(argv_of(command), cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=-3)
+    wait_for = lambda file: [time.sleep(0.02) for _ in range(1500) if not os.path.exists(f"{place}/{file}")]
+    wait_for("begun")
+    before = os.listdir(folder)
+    process.send_signal(getattr(signal, name))
+    code = process.wait(30)
+    removed = os.listdir(folder)
+    wait_for("ended")
+    seen = (code, before, removed, os.listdir(folder), os.listdir(place))
+    good = code == -getattr(signal, name) and len(before) == 1 and removed == [] == os.listdir(folder)
+    check(f"{name} before ffmpeg has begun: nothing is left", good and os.path.exists(place + "/ended"), seen)
+
+
 if not may_mount:
     print(
         "SKIPPED: no tmpfs can be mounted here (needs root or user namespaces): "
@@ -365,5 +395,11 @@ for variant in variants:
     # Between two changes of the disk a kill leaves what one at the next change leaves, but for children and rows.
     if nightly or variant[0].slow or variant[0].recording or variant[0].resumable:
         at_random += killed_at_random(variant, truth, seconds)
+if any(c.name == "report video" for c in commands):
+    for name in ("SIGTERM", "SIGINT", "SIGHUP"):
+        late_child(name)
+if any("{page}" in word for c in commands for word in c.argv):
+    rows = sorted(pages_connected)
+    check("a page was connected in most runs with one", rows and rows[len(rows) // 2] > 0, rows)
 print(f"{total} kills in place of a change of the disk, {at_random} at random instants")
 finish()

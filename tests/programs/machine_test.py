@@ -82,7 +82,9 @@ def wrong_message(r, fault, failed):
     """What is wrong with stderr of a command that gave up."""
     lines = [line for line in r.stderr.splitlines() if line.startswith(tuple(p + ": " for p in own))]
     others = [
-        line for line in r.stderr.splitlines() if line not in lines and not line.startswith(("note:", "warning:"))
+        line
+        for line in r.stderr.splitlines()
+        if line not in lines and not line.startswith(("note:", "warning:", "web:"))
     ]
     if len(lines) != 1:
         return f"{len(lines)} messages: {r.stderr[-300:]!r}"
@@ -202,6 +204,8 @@ SAMPLE = {
     "recover": [("sync", 1), ("sync", 2), ("sync", 3), ("memory", 1)],
     "diagnose learn": [("read", 2), ("read", 7), ("read", 8), ("short", 1)],
     "run": [("interrupted", 1), ("open", 1), ("memory", 1000), ("decimal_comma", 1), ("descriptors", 5)],
+    "run --web, a page connected": [("interrupted", 1), ("short", 1), ("write", 3), ("memory", 600)]
+    + [("descriptors", at) for at in (8, 12, 14)],
     "lab": [("memory", 4), ("sync", 2), ("clock_back", 1), ("write", 3), ("decimal_comma", 1)],
     "calibrate": [("read", 2), ("short", 1), ("clock_forth", 1)],
     "export --csv": [("memory", 4), ("sync", 1)],
@@ -209,6 +213,7 @@ SAMPLE = {
     "hil dbc": [("read", 1), ("memory", 20)],
     "hil replay": [("read", 3), ("interrupted", 1), ("write", 2), ("descriptors", 6)],
     "report": [("read", 2), ("decimal_comma", 1), ("descriptors", 8)],
+    "report --png": [("write", 2), ("sync", 3), ("descriptors", 8)],
     "report sweep": [("list", 2), ("list", 8)],
 }
 

@@ -4,13 +4,14 @@ any of them in a folder of its own, and the judgement of what it left there.
 Options: --tribotwin, --hil, --report (may be left out where it is not built), --source, --shim; --all for the long
 form, --only WORD for the commands whose name holds it, --kills N for recover_test.py, --keep to leave the folder."""
 import argparse, collections, concurrent.futures, contextlib, dataclasses, json, logging, os, re, shutil, signal
-import socket, sqlite3, subprocess, sys, threading, time
+import socket, sqlite3, struct, subprocess, sys, threading, time
 
 import h5py
 import numpy as np
 
 from harness import check, failures, finish, free_ports, nightly, work
 from pendulum import PENDULUM
+from web_viewer import WebSocket
 
 parser = argparse.ArgumentParser()
 for option in ("--tribotwin", "--hil", "--report", "--source", "--shim", "--machine", "--only"):
@@ -100,6 +101,15 @@ commands = [
         Command(
             "run --web",
             ("tribotwin", "run", "{in}/scenario.yaml", "--web", "127.0.0.1:0", "-o", "out"),
+            ("out/",),
+            old=(("old_run", "out"),),
+            as_one=True,
+            recording=True,
+        ),
+        Command(
+            "run --web, a page connected",
+            ("tribotwin", "run", "{in}/scenario.yaml", "--set", "duration_s=0.5", "--realtime")
+            + ("--web", "127.0.0.1:{page}", "-o", "out"),
             ("out/",),
             old=(("old_run", "out"),),
             as_one=True,
@@ -411,7 +421,8 @@ commands = [
         Command(
             "report --png",
             ("report", "fit", "{in}/params.yaml", "{in}/curves.csv", "--png", "-o", "fit.html"),
-            ("fit.html",),
+            ("fit.html", "fit_figures/"),
+            old=(("old_figures", "fit_figures"),),
         ),
         Command(
             "report thermal",
@@ -552,13 +563,32 @@ def end_behind(process, drive):
     drive.wait()
 
 
+pages_connected = []  # rows that each page got
+
+
+def page_of(process, port):
+    """A page that takes all rows of a run until it ends."""
+    while process.poll() is None:
+        try:
+            page = WebSocket("127.0.0.1", port, "tribotwin.live.v1")
+            with page.connection:
+                pages_connected.append(sum(opcode == 2 for opcode, _ in page.hear()))
+        except (OSError, IndexError, struct.error):  # not there yet, or gone in the midst of what it said
+            time.sleep(0.002)
+
+
 def start(argv, folder, **popen):
-    """A process, with a master beside it where it is a drive on a bus, and with a drive where it is a master."""
-    port, drive_port = (free_ports(1)[0] if any(p in a for a in argv) else None for p in ("{port}", "{drive}"))
+    """A process, with a master beside it where it is a drive on a bus, with a drive where it is a master, and with a
+    page where it serves one at a port of ours."""
+    places = ("{port}", "{drive}", "{page}")
+    port, drive_port, page_port = (free_ports(1)[0] if any(p in a for a in argv) else None for p in places)
     drive = drive_on(drive_port) if drive_port else None
-    argv = [a.replace("{port}", str(port)).replace("{drive}", str(drive_port)) for a in argv]
+    for place, number in zip(places, (port, drive_port, page_port)):
+        argv = [a.replace(place, str(number)) for a in argv]
     process = subprocess.Popen(argv, cwd=folder, **popen)
     thread = threading.Thread(target=master_of, args=(process, port)) if port else None
+    if page_port:
+        thread = threading.Thread(target=page_of, args=(process, page_port))
     if drive:
         thread = threading.Thread(target=end_behind, args=(process, drive))
     if thread:
@@ -974,6 +1004,10 @@ def make_inputs():
     if programs["hil"]:
         record_a_session()
         made("hil", "ros2", "scenario.yaml", "-o", "old_bus", "--cycle", "20")
+    if programs["report"]:
+        os.mkdir(inputs + "/old_figures")
+        for name in ("01_curve.png", "of_another_page.png"):
+            write("old_figures/" + name, "what was in it before\n")
     if any(c.costly for c in commands):
         make_campaigns()
 

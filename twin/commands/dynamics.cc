@@ -564,6 +564,7 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
                         .band = {},
                         .consistent = {}};
   origin.signals.cutoff_hz = motion.cutoff_hz;
+  origin.signals.reversals = motion.reversals;  // also where they count as there are hardly any other samples
   if (static_cast<Index>(robot.model->drives().size()) < robot.regressor.joints()) origin.torque_max_nm = torque_max_nm;
   return origin;
 }

@@ -97,7 +97,7 @@ Status write_stream(const fs::path& file, const struct stat& there, std::string_
   return {};
 }
 
-/// An unpredictable name, so that a file created under it is ours.
+/// An unpredictable name beside the file or folder, so that what is created under it is ours.
 fs::path partial_of(const fs::path& file) {
   constexpr std::size_t longest_name = 255;
   std::uint64_t random = 0;
@@ -274,6 +274,96 @@ Status NewFile::publish_unforced() {
   // Network file systems say here what they could not keep.
   if (!descriptor_.close()) return not_written(file_, errno);
   return rename_only();
+}
+
+namespace {
+
+/// Also of "runs/", "." and "..".
+fs::path without_dots(const fs::path& folder) {
+  std::error_code error;
+  fs::path place = fs::absolute(folder, error).lexically_normal();
+  return place.has_filename() ? place : place.parent_path();
+}
+
+bool is_there(const fs::path& folder) {
+  std::error_code error;
+  return fs::exists(folder, error);
+}
+
+/// A hidden folder in which the files are made; removed with all that is still in it. It is beside the folder that it
+/// will become, or in the one that exists, which may be a disk of its own.
+class Staging {
+ public:
+  explicit Staging(const fs::path& folder)
+      : path_(partial_of(is_there(folder) ? folder / folder.filename() : folder)),
+        temporary_(path_),
+        error_(::mkdir(path_.c_str(), 0777) == 0 ? 0 : errno) {}
+  Staging(const Staging&) = delete;
+  Staging& operator=(const Staging&) = delete;
+  ~Staging() {
+    std::error_code ignored;
+    if (error_ == 0) fs::remove_all(path_, ignored);
+  }
+  const fs::path& path() const { return path_; }
+  int error() const { return error_; }
+
+ private:
+  const fs::path path_;
+  const Temporary temporary_;
+  const int error_;
+};
+
+/// The message names the file where the user will look for it.
+Status as_named(const fs::path& folder, const fs::path& staging, Status made) {
+  if (made) return made;
+  Error error = made.error();
+  if (const auto from = error.message.find(staging.string()); from != std::string::npos)
+    error.message.replace(from, staging.string().size(), folder.string());
+  return tl::unexpected(error);
+}
+
+}  // namespace
+
+std::string name_of_folder(const fs::path& folder) { return without_dots(folder).filename().string(); }
+
+Status check_output_folder(const fs::path& folder, Existing existing) {
+  if (folder.empty()) return tl::unexpected<Error>("the name of an output folder is empty");
+  const fs::path place = without_dots(folder), parent = place.parent_path();
+  std::error_code error;
+  if (!is_there(place)) {
+    if (!fs::is_directory(parent, error))
+      return tl::unexpected<Error>(fmt::format("{}: there is no folder {}", folder.string(), parent.string()));
+  } else if (!fs::is_directory(place, error)) {
+    return tl::unexpected<Error>(fmt::format("{}: is no folder; choose another name with -o", folder.string()));
+  } else if (existing == Existing::refuse && !fs::is_empty(place, error)) {
+    return tl::unexpected<Error>(fmt::format(
+        "{}: holds files already; choose another folder with -o, or replace them with --force", folder.string()));
+  }
+  if (::access((is_there(place) ? place : parent).c_str(), W_OK | X_OK) != 0)
+    return not_written(folder, errno, ErrorKind::input);
+  return {};
+}
+
+Status write_folder(const fs::path& folder, std::span<const OutputFile> files, Existing existing) {
+  if (auto ok = check_output_folder(folder, existing); !ok) return ok;
+  const fs::path place = without_dots(folder);
+  for (const OutputFile& file : files)
+    if (is_there(place))
+      if (auto ok = check_output(place / file.name, Existing::replace); !ok) return ok;
+  const Staging staging(place);
+  if (staging.error() != 0) return not_written(folder, staging.error());
+  for (const OutputFile& file : files)
+    if (auto ok = write_file(staging.path() / file.name, file.bytes, Existing::refuse); !ok)
+      return as_named(folder, staging.path(), ok);
+  if (auto ok = sync_folder(staging.path()); !ok) return as_named(folder, staging.path(), ok);
+  if (!is_there(place)) {
+    if (::rename(staging.path().c_str(), place.c_str()) != 0) return not_written(folder, errno);
+    return sync_folder(place.parent_path());
+  }
+  for (const OutputFile& file : files)
+    if (::rename((staging.path() / file.name).c_str(), (place / file.name).c_str()) != 0)
+      return not_written(folder / file.name, errno);
+  return sync_folder(place);
 }
 
 Status sync_folder(const fs::path& folder) {

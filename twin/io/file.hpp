@@ -38,6 +38,24 @@ Result<void> write_unforced(const std::filesystem::path& file, std::string_view 
 /// Writes a file derived from other files. An identical file is left alone; a different one counts as an existing file.
 Result<void> write_derived(const std::filesystem::path& file, std::string_view bytes, Existing existing);
 
+/// A result that is several files in one folder, for a command that makes all of them at once (a run that grows has
+/// RunFolder): a file's name there and its content.
+struct OutputFile {
+  std::string name, bytes;
+};
+
+/// Its last name, also of "runs/" and ".".
+std::string name_of_folder(const std::filesystem::path& folder);
+
+/// Whether `folder` may become an output: for the start of a command, before its work. Refuses what is no folder, a
+/// name in a folder that does not exist, and a folder that holds anything (unless it may be replaced).
+Result<void> check_output_folder(const std::filesystem::path& folder, Existing existing);
+
+/// Writes the files under a hidden name, forces them to disk and moves them into place. A folder that did not exist is
+/// there with all files or not at all. In one that exists (--force) each file is the old or the new one, and
+/// files of other names stay.
+Result<void> write_folder(const std::filesystem::path& folder, std::span<const OutputFile> files, Existing existing);
+
 /// A regular file that is not yet published, for content that comes in pieces or from a library that needs a file name.
 class NewFile {
  public:
@@ -51,6 +69,8 @@ class NewFile {
 
   /// Its name until it is published: ".NAME.partial-XXXXXXXX" in the same folder.
   const std::filesystem::path& partial() const { return partial_; }
+  /// For another program that writes the file: also when its name is gone, it makes no file of that name again.
+  int descriptor() const { return descriptor_; }
   Result<void> write(std::string_view bytes);
   /// Forces the data to disk and renames the file to its name. Never replaces a file that must stay.
   Result<void> publish();

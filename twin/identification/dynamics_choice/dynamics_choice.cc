@@ -99,11 +99,11 @@ class Chooser {
                  .lag_s = decided_.lag_s};
     auto widest = prepare(recordings_, regressor_, s.signals);
     if (!widest) return tl::unexpected(widest.error());
-    set_cutoffs(*widest);
     // Where a joint moves for so short that only samples near its reversals would count, it is named instead.
     s.signals.reversals = true;
     for (Index j = 0; j < regressor_.joints(); ++j)
       if (!widest->is_left_out(j) && !widest->moving.row(j).any()) s.signals.reversals = false;
+    set_cutoffs(widest->cutoff_hz);
     s.signals.cutoff_hz = widest_hz();
     s.signals.longest_hole_s = hole_periods / widest_hz();  // the same stretches for all cut-offs
     // Samples of long recordings are thinned: a choice needs fewer than the fit.
@@ -131,17 +131,19 @@ class Chooser {
   }
 
   /// Narrower ones as long as ends, rests and reversals leave half of the samples.
-  void set_cutoffs(const JointMotion& widest) {
-    cutoffs_ = {widest.cutoff_hz};
+  void set_cutoffs(double widest_hz) {
+    cutoffs_ = {widest_hz};
     if (decided_.cutoff_hz) return;
-    const auto moving = [](const JointMotion& m) { return static_cast<double>(m.moving.count()); };
-    for (const double share : narrower) {
-      const double cutoff = share * widest.cutoff_hz;
+    const auto moving = [&](double cutoff_hz) {
       Preparation signals = out_.setting.signals;
-      signals.cutoff_hz = cutoff, signals.widest_hz = widest.cutoff_hz;
+      signals.cutoff_hz = cutoff_hz, signals.widest_hz = widest_hz;
       const auto motion = prepare(recordings_, regressor_, signals);
-      if (!motion || moving(*motion) < 0.5 * moving(widest)) return;
-      cutoffs_.push_back(cutoff);
+      return motion ? static_cast<double>(motion->moving.count()) : 0.0;
+    };
+    const double all = moving(widest_hz);
+    for (const double share : narrower) {
+      if (const double left = moving(share * widest_hz); left == 0 || left < 0.5 * all) return;
+      cutoffs_.push_back(share * widest_hz);
     }
   }
 

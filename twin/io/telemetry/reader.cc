@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <exception>
 #include <tuple>
 
 #include <tribotwin/plugins/friction/input_file.hpp>
@@ -37,27 +38,45 @@ hid_t open_plainly(const fs::path& path) {
   return H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
 }
 
+namespace {
+
+/// What HDF5 shows of a group, link by link; the time of asking for each by its number grows with their square.
+struct LinkNames {
+  hsize_t most = 0;
+  std::vector<std::string> names{};
+  bool last_is_elsewhere = false;
+  std::exception_ptr failure{};
+
+  /// 1 ends the walk.
+  static herr_t take(hid_t, const char* name, const H5L_info_t* link, void* made) noexcept {
+    auto& own = *static_cast<LinkNames*>(made);
+    if (own.names.size() == own.most) return 1;
+    try {
+      own.names.emplace_back(name);
+    } catch (...) {
+      own.failure = std::current_exception();
+      return 1;
+    }
+    own.last_is_elsewhere = link->type != H5L_TYPE_HARD;
+    return own.last_is_elsewhere ? 1 : 0;
+  }
+};
+
+}  // namespace
+
 std::vector<std::string> link_names(hid_t group) {
   H5G_info_t info;
   check(H5Gget_info(group, &info));
-  std::vector<std::string> names;
-  const bool ordered = keeps_order(group, H5Pget_link_creation_order);
-  const auto get = [&](hsize_t n, char* text, std::size_t size) {
-    const ssize_t length = H5Lget_name_by_idx(group, ".", H5_INDEX_CRT_ORDER, H5_ITER_INC, n, text, size, H5P_DEFAULT);
-    return check(length >= 0 || ordered
-                     ? length
-                     : H5Lget_name_by_idx(group, ".", H5_INDEX_NAME, H5_ITER_INC, n, text, size, H5P_DEFAULT));
-  };
   if (info.nlinks > limits::hdf5_links)
     throw Failure(fmt::format("has {} entries in a group; at most {} are read", info.nlinks, limits::hdf5_links));
-  for (hsize_t n = 0; n < info.nlinks; ++n) {
-    names.emplace_back(get(n, nullptr, 0), '\0');
-    get(n, names.back().data(), names.back().size() + 1);
-    H5L_info_t link;
-    check(H5Lget_info(group, names.back().c_str(), &link, H5P_DEFAULT));
-    if (link.type != H5L_TYPE_HARD) throw Failure(fmt::format("'{}' is a link to elsewhere", names.back()));
-  }
-  return names;
+  LinkNames found{.most = info.nlinks};
+  const bool ordered = keeps_order(group, H5Pget_link_creation_order);
+  const herr_t walked =
+      H5Literate(group, ordered ? H5_INDEX_CRT_ORDER : H5_INDEX_NAME, H5_ITER_INC, nullptr, &LinkNames::take, &found);
+  if (found.failure) std::rethrow_exception(found.failure);
+  check(walked);
+  if (found.last_is_elsewhere) throw Failure(fmt::format("'{}' is a link to elsewhere", found.names.back()));
+  return std::move(found.names);
 }
 
 namespace {

@@ -4,7 +4,7 @@ import os, shutil, sqlite3, sys
 
 import harness
 from fleet_plant import Plant
-from harness import check, check_refused, finish, path
+from harness import check, check_refused, content, finish, path
 
 program = sys.argv[1]
 NOBODY = "is no number that tribotwin fleet writes there; the store was changed"
@@ -83,6 +83,57 @@ refused(
     ["its tables are not those of a store of tribotwin fleet"],
     ["check", "watch"],
 )
+
+refused(
+    "a constraint of somebody else's",
+    ["DROP TABLE checks", "CREATE TABLE checks(kind TEXT, time_s INTEGER, rate REAL, judged INTEGER CHECK(judged < 0), "
+     "PRIMARY KEY(kind, time_s))"],
+    ["CHECK constraint failed", "its tables are not those of a store of tribotwin fleet"],
+    ["check", "watch"],
+)  # fmt: skip
+
+
+# ---- A file that SQLite itself cannot read: no word of it.
+def damaged(name, damage):
+    shutil.copy(path("good.db"), path("store.db"))
+    damage(path("store.db"))
+    before = content("store.db", "rb")
+    for command in COMMANDS:
+        r = run(*COMMANDS[command])
+        check_refused(f"{name}: {command}", r, ["store.db: is damaged", "learn again into a new file"], 2, lines=1)
+        check(f"{name}: {command}: no word of SQLite", "malformed" not in r.stderr and "schema" not in r.stderr, r)
+    check(f"{name}: the store stays", content("store.db", "rb") == before)
+
+
+def schema(statement):
+    def change(file):
+        with sqlite3.connect(file) as db:
+            db.execute("PRAGMA writable_schema = ON")
+            db.execute(f"UPDATE sqlite_master SET {statement}")
+        db.close()
+
+    return change
+
+
+def byte(at, value):
+    def change(file):
+        with open(file, "r+b") as f:
+            f.seek(at), f.write(bytes([value]))
+
+    return change
+
+
+for name, damage in (
+    ("a table without an end", schema("sql = 'CREATE TABLE robots(id INTEGER' WHERE name = 'robots'")),
+    ("a table that is none", schema("sql = 'hello' WHERE name = 'robots'")),
+    ("control characters", schema("sql = 'CREATE TABLE robots(' || char(27) || '[31m)' WHERE name = 'robots'")),
+    ("a table behind the end", schema("rootpage = 99999 WHERE name = 'robots'")),
+    ("a table in place of another", schema("rootpage = (SELECT rootpage FROM sqlite_master WHERE name = 'notes')")),
+    ("half a file", lambda file: os.truncate(file, os.path.getsize(file) // 2)),
+    ("another page", byte(100, 7)),
+    ("of a later SQLite", byte(18, 9)),
+):
+    damaged(name, damage)
 
 # ---- A trigger of somebody else's does not run.
 changed("CREATE TRIGGER all_away AFTER INSERT ON verdicts BEGIN DELETE FROM observations; END")

@@ -18,6 +18,7 @@
 #include <tribotwin/tests/allocations.hpp>
 #include <tribotwin/tests/small_disk.hpp>
 #include <tribotwin/twin/io/telemetry/hdf5.hpp>
+#include <tribotwin/twin/io/telemetry/reader.hpp>
 #include <tribotwin/twin/io/telemetry/telemetry.hpp>
 
 namespace tribotwin::twin {
@@ -361,6 +362,36 @@ TEST_F(TelemetryTest, ARecordThatPromisesTooMuchTakesNoMemory) {
         file.string(), change);
     ASSERT_EQ(std::system(fmt::format("/usr/bin/python3 '{}'", (folder / "change.py").string()).c_str()), 0);
     EXPECT_THAT(read_telemetry(file).error().message, HasSubstr(says)) << change;
+  }
+}
+
+// Asked for one by one, 2,000 names of a group take 50 times as long as its making.
+TEST_F(TelemetryTest, ListingLinksTakesLessThanMakingThem) {
+  constexpr int count = 2000;
+  const auto cpu_s = [] {
+    timespec now{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+  };
+  const hdf5::Hdf5 hdf5;
+  for (const unsigned order :
+       std::initializer_list<unsigned>{0, H5P_CRT_ORDER_TRACKED, H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED}) {
+    const hdf5::Id access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose), creation(H5Pcreate(H5P_GROUP_CREATE), H5Pclose);
+    hdf5::check(H5Pset_libver_bounds(access, H5F_LIBVER_LATEST, H5F_LIBVER_LATEST));
+    hdf5::check(H5Pset_link_creation_order(creation, order));
+    const hdf5::Id opened(H5Fcreate(file.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access), H5Fclose),
+        group(H5Gcreate2(opened, "group", H5P_DEFAULT, creation, H5P_DEFAULT), H5Gclose);
+    std::vector<std::string> names;
+    const double begun_s = cpu_s();
+    for (int i = 0; i < count; ++i) {
+      names.push_back(fmt::format("joint{}", (7 * i) % count));
+      const hdf5::Id made(H5Gcreate2(group, names.back().c_str(), H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Gclose);
+    }
+    const double made_s = cpu_s();
+    const auto found = hdf5::link_names(group);
+    EXPECT_LT(cpu_s() - made_s, 2 * (made_s - begun_s)) << order;
+    if (order == 0) std::ranges::sort(names);
+    EXPECT_EQ(found, names) << order;
   }
 }
 

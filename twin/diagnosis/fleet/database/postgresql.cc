@@ -40,6 +40,12 @@ std::string why(const std::string& url, const std::exception& e) {
   return fmt::format("{}: {}", without_password(url), replaced(replaced(std::move(text), "\n\t", " "), "\n", "; "));
 }
 
+/// Of what the server says: a constraint of theirs is violated, or they lack what a statement names.
+bool of_other_tables(std::string_view sqlstate) {
+  constexpr std::string_view no_permission = "42501";
+  return sqlstate.starts_with("23") || (sqlstate.starts_with("42") && sqlstate != no_permission);
+}
+
 /// Work on the database, with errors as this program says them.
 template <class F>
 auto said(const std::string& url, const F& work) {
@@ -52,6 +58,9 @@ auto said(const std::string& url, const F& work) {
                     without_password(url)));
   } catch (const pqxx::data_exception& e) {
     throw InputError(why(url, e));
+  } catch (const pqxx::sql_error& e) {
+    if (!of_other_tables(e.sqlstate())) throw std::runtime_error(why(url, e));
+    throw InputError(fmt::format("{}; its tables are not those of a store of tribotwin fleet", why(url, e)));
   } catch (const pqxx::failure& e) {
     throw std::runtime_error(why(url, e));
   }

@@ -18,18 +18,39 @@ namespace {
 
 constexpr int application = 0x54424654;  ///< "TBFT" in the file's header
 
+std::string file_name(sqlite3* db) {
+  return std::filesystem::path(sqlite3_db_filename(db, "main")).filename().string();
+}
+
 /// "FILE: why": with the system's reason where there is one, as for other files. SQLite quotes the file's schema.
 std::string why(sqlite3* db) {
   const int system = sqlite3_system_errno(db), code = sqlite3_errcode(db) & 0xff;
-  const std::string name = std::filesystem::path(sqlite3_db_filename(db, "main")).filename().string();
+  const std::string name = file_name(db);
   if (code == SQLITE_FULL || ((code == SQLITE_IOERR || code == SQLITE_CANTOPEN) && system != 0))
     return fmt::format("{} or its journal {}-journal: {}", name, name,
                        std::strerror(code == SQLITE_FULL ? ENOSPC : system));
   return fmt::format("{}: {}", name, without_controls(sqlite3_errmsg(db)));
 }
 
-InputError other_tables(sqlite3* db) {
-  return InputError(fmt::format("{}; its tables are not those of a store of tribotwin fleet", why(db)));
+/// Throws what the last call failed by: InputError where it is what the file holds, not the machine.
+[[noreturn]] void fail(sqlite3* db) {
+  switch (sqlite3_errcode(db) & 0xff) {
+    case SQLITE_CORRUPT:
+      break;
+    case SQLITE_READONLY:  // a file without permission is refused when it is opened: a header of a later SQLite
+      if (sqlite3_extended_errcode(db) == SQLITE_READONLY) break;
+      throw std::runtime_error(why(db));
+    case SQLITE_ERROR:
+    case SQLITE_CONSTRAINT:
+    case SQLITE_MISMATCH:
+    case SQLITE_TOOBIG:
+      throw InputError(fmt::format("{}; its tables are not those of a store of tribotwin fleet", why(db)));
+    default:
+      throw std::runtime_error(why(db));
+  }
+  throw InputError(fmt::format(
+      "{}: is damaged, or was changed by another program; restore a copy of it, or learn again into a new file",
+      file_name(db)));
 }
 
 /// Whether the name or its permissions are wrong, and not the machine.
@@ -42,8 +63,7 @@ class SqliteStatement : public Statement {
  public:
   SqliteStatement(sqlite3* db, const char* sql) : db_(db) {
     const int code = sqlite3_prepare_v3(db, sql, -1, SQLITE_PREPARE_PERSISTENT, &statement_, nullptr);
-    if (code == SQLITE_ERROR) throw other_tables(db);
-    if (code != SQLITE_OK) throw std::runtime_error(why(db));
+    if (code != SQLITE_OK) fail(db);
     // To SQLite $1 is a name; its number is that of its first use.
     for (int i = 1; i <= sqlite3_bind_parameter_count(statement_); ++i)
       if (const char* name = sqlite3_bind_parameter_name(statement_, i); !name || name != fmt::format("${}", i)) {
@@ -56,7 +76,7 @@ class SqliteStatement : public Statement {
   bool row() override {
     const int code = sqlite3_step(statement_);
     if (code != SQLITE_ROW) sqlite3_reset(statement_);
-    if (code != SQLITE_ROW && code != SQLITE_DONE) throw std::runtime_error(why(db_));
+    if (code != SQLITE_ROW && code != SQLITE_DONE) fail(db_);
     return code == SQLITE_ROW;
   }
   std::int64_t integer(int column) const override { return sqlite3_column_int64(statement_, column); }
@@ -149,9 +169,7 @@ class Sqlite : public Database {
     return std::make_unique<SqliteStatement>(db_.get(), sql);
   }
   void execute(const char* sql) {
-    const int code = sqlite3_exec(db_.get(), sql, nullptr, nullptr, nullptr);
-    if (code == SQLITE_ERROR) throw other_tables(db_.get());
-    if (code != SQLITE_OK) throw std::runtime_error(why(db_.get()));
+    if (sqlite3_exec(db_.get(), sql, nullptr, nullptr, nullptr) != SQLITE_OK) fail(db_.get());
   }
   void begin(const char* schema) {
     const int code = sqlite3_exec(db_.get(), "PRAGMA cache_size = -65536; BEGIN IMMEDIATE", nullptr, nullptr, nullptr);
@@ -162,7 +180,7 @@ class Sqlite : public Database {
     // Without its journal a file that could be opened fails by the machine: SQLite keeps no better reason than ENOENT.
     const int system = sqlite3_system_errno(db_.get());
     if (system != ENOENT && wrong_name(code, system)) throw InputError(why(db_.get()));
-    if (code != SQLITE_OK) throw std::runtime_error(why(db_.get()));
+    if (code != SQLITE_OK) fail(db_.get());
     auto& of = statement("PRAGMA application_id")();
     const bool ours = of.row() && of.integer(0) == application;
     of.run();
