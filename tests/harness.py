@@ -70,8 +70,10 @@ def path(*parts):
 
 
 def content(name, mode="r"):
+    """Of a file; in a page spaces that break no line are spaces, as tests write them."""
     with open(path(name), mode) as f:
-        return f.read()
+        read = f.read()
+    return read.replace("\xa0", " ") if mode == "r" and str(name).endswith(".html") else read
 
 
 def run(program, *arguments, timeout=300, **options):

@@ -203,6 +203,17 @@ std::size_t longest_mark(const std::vector<double>& marks) {
   return longest;
 }
 
+/// Whether gnuplot writes any of the marks as 5×10⁷, whose width it does not know.
+bool has_powers(const std::vector<double>& marks) {
+  return std::ranges::any_of(marks,
+                             [](double mark) { return fmt::format("{:g}", mark).find('e') != std::string::npos; });
+}
+
+/// Room for the right half of the last mark on x where marks have powers of ten.
+std::string room_for_powers(const Axis& axis, Range r) {
+  return has_powers(ticks(axis.from.value_or(r.low), axis.to.value_or(r.high), 5)) ? "set rmargin 6\n" : "";
+}
+
 /// Fewer marks on x where gnuplot's own would touch.
 std::string marks_that_fit(const Axis& axis, Range r, int width) {
   const double from = axis.from.value_or(r.low), to = axis.to.value_or(r.high);
@@ -295,6 +306,9 @@ std::string named_tics(const char* axis, const std::vector<std::string>& names, 
 /// long.
 std::string room_for_colours(const Axis& colour, FigureSize size) {
   const auto marks = ticks(*colour.from, *colour.to, 5);
+  if (marks.size() > 1 && has_powers(marks))
+    return fmt::format("set rmargin at screen {}\nset cbtics {}\nset cblabel offset 2,0\n", 1 - 140.0 / size.width,
+                       marks[1] - marks[0]);
   const std::size_t longest = std::max<std::size_t>(5, longest_mark(ticks(*colour.from, *colour.to, 8)));
   return fmt::format("set rmargin at screen {}\n", 1 - (108.0 + 16.0 * static_cast<double>(longest - 5)) / size.width) +
          (longest > 5 && marks.size() > 1
@@ -483,6 +497,7 @@ std::string curves(const Figure& f, FigureSize size) {
     }
   }
   plot += points;
+  s += room_for_powers(f.x, ranges.x);
   if (f.colour) {
     s += fmt::format("set cblabel {} textcolor '{}'\n", label(*f.colour, size.height - 40), hex(theme::ink)) +
          room_for_colours(*f.colour, size) + range("cb", *f.colour, {});

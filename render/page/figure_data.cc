@@ -62,11 +62,10 @@ std::string dashes(std::string_view gnuplot) {
 
 json series(const Series& s, std::size_t index) {
   static constexpr const char* shapes[] = {"dot", "circle", "cross", "disc"};  // in the order of Shape
-  const std::size_t stroke = index % theme::strokes;
   return {{"mark", name(s.mark)},
           {"label", printable(s.label)},
-          {"stroke", stroke},
-          {"dash", dashes(theme::stroke(stroke).dashes)},
+          {"stroke", index % theme::strokes},
+          {"dash", dashes(theme::stroke(index).dashes)},
           {"shape", shapes[static_cast<int>(s.shape)]},
           {"x", numbers(s.x)},
           {"y", numbers(s.y)},

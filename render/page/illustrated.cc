@@ -109,9 +109,7 @@ void IllustratedPage::open(const Opening& o) {
     if (!part.empty()) identity += (identity.empty() ? "" : " · ") + part;
   if (!identity.empty()) add(body(), "p", identity, "identity soft");
   add(body(), "p", o.verdict, (std::string("verdict ") + lamp.kind).c_str()).append_attribute("id") = "verdict";
-  auto rule = add(body(), "p");
-  add(rule, "strong", lamp.name, (std::string("lamp ") + lamp.kind).c_str());
-  rule.append_child(pugi::node_pcdata).set_value((": " + printable(o.rule)).c_str());
+  add_named(body(), lamp.name, ": " + o.rule, (std::string("lamp ") + lamp.kind).c_str());
   if (!o.tiles.empty()) {
     auto grid = add(body(), "div", {}, "tiles");
     for (const Tile& t : o.tiles) tile(grid, t.name, t.value, t.more, t.kind);

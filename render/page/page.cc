@@ -192,7 +192,8 @@ DRAWN
   @page { margin: 11mm; }
   body { background: PAPER; font-size: 10.5pt; }
   main { max-width: none; padding: 0; }
-  details:not([open]) { display: none; }
+  details:not([open]) { margin: .2rem 0; break-inside: avoid; }
+  details:not([open]) summary::after { content: ' (closed, so not printed) '; font-weight: 400; }
   h2 { margin-top: 1.4rem; }
   h3 { margin-top: 1rem; }
   .tiles { grid-template-columns: repeat(5, 1fr); gap: 8px; }
@@ -281,13 +282,57 @@ std::string with_typeset_powers(const std::string& text) {
   return out.append(rest, text.end());
 }
 
-/// Text of programs as readers know it: the word degC is °C, s^2 is s², 8.4e-05 is 8.4·10⁻⁵. Part of a name it stays.
+/// Ranges and deviations as programs write them, "1.2 .. 3.4" and "5 +- 0.3", with an en dash and a plus-minus sign.
+std::string with_typeset_ranges(const std::string& text) {
+  static const std::regex range(R"((\d[%)]?) ?\.\. ?(?=[-+]?\d))"), deviation(R"(\+- ?(?=\d))");
+  return std::regex_replace(std::regex_replace(text, range, "$1 – "), deviation, "± ");
+}
+
+/// "joint1" of "joint joint1".
+std::string without_doubled_joint(std::string text) {
+  constexpr std::string_view doubled = "joint joint", once = "joint";
+  for (std::size_t at; (at = text.find(doubled)) != text.npos;) text.replace(at, doubled.size(), once);
+  return text;
+}
+
+/// Whether a word is a unit or a percent sign, which does not begin a line after its number.
+bool belongs_to_number(std::string_view word) {
+  static constexpr std::string_view units[] = {"%",  "°C", "K",  "Nm",  "N",  "W",   "kW",   "J", "kJ", "MJ",
+                                               "GJ", "s",  "ms", "min", "h",  "rad", "mrad", "m", "mm", "kg",
+                                               "A",  "V",  "Hz", "kHz", "kB", "MB",  "×",    "–", "±"};
+  return std::ranges::find(units, word.substr(0, word.find('/'))) != std::end(units);
+}
+
+/// Whether text that ends so ends with a digit, also a raised one, or with a plus-minus sign.
+bool ends_with_number(std::string_view text) {
+  if (text.empty()) return false;
+  if (g_ascii_isdigit(text.back()) || text.ends_with("±")) return true;
+  return std::ranges::any_of(std::initializer_list<std::string_view>{"⁰", "¹", "²", "³", "⁴", "⁵", "⁶", "⁷", "⁸", "⁹"},
+                             [&](std::string_view digit) { return text.ends_with(digit); });
+}
+
+/// With spaces that break no line between numbers and their units, and around the sign of a deviation.
+std::string with_numbers_whole(const std::string& text) {
+  std::string out;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const std::string_view before(text.data(), i), after(text.data() + i + 1, text.size() - i - 1);
+    const auto word = after.substr(0, after.find_first_of(" ,;:.)\n"));
+    const bool tied = text[i] == ' ' && ends_with_number(before) &&
+                      (belongs_to_number(word) || (before.ends_with("±") && !after.empty()));
+    out += tied ? "\u00a0" : std::string(1, text[i]);
+  }
+  return out;
+}
+
+/// Text of programs as readers know it: the word degC is °C, s^2 is s², 8.4e-05 is 8.4·10⁻⁵, 1 .. 2 is 1 – 2, 5 +- 1 is
+/// 5 ± 1. Part of a name it stays.
 std::string in_print(std::string text) {
   static const std::regex degrees(R"((^|\W)degC\b)");
   if (text.find("degC") != text.npos) text = std::regex_replace(text, degrees, "$1°C");
-  text = with_superscripts(std::move(text));
+  text = without_doubled_joint(with_superscripts(std::move(text)));
   if (text.find("e-") != text.npos || text.find("e+") != text.npos) text = with_typeset_powers(text);
-  return text;
+  if (text.find("..") != text.npos || text.find("+-") != text.npos) text = with_typeset_ranges(text);
+  return with_numbers_whole(text);
 }
 
 /// The dots of a long dotted name, joints.hinge.temperature_degC.end say, are no ends of words.
@@ -396,6 +441,14 @@ pugi::xml_node Page::add(pugi::xml_node to, const char* tag, std::string_view te
   const std::string shown = printable(text, true);
   node.text() = (std::string_view(tag) == "pre" ? shown : in_print(shown)).c_str();
   return node;
+}
+
+pugi::xml_node Page::add_named(pugi::xml_node to, std::string_view name, std::string_view text, const char* kind) {
+  auto paragraph = add(to, "p", text);
+  auto strong = paragraph.prepend_child("strong");
+  if (kind) strong.append_attribute("class") = kind;
+  strong.text() = printable(name).c_str();
+  return paragraph;
 }
 
 Page::Page(std::string_view title) {

@@ -31,6 +31,9 @@ class Page {
   pugi::xml_node body() { return main_; }
   /// <tag class="kind">text</tag>
   static pugi::xml_node add(pugi::xml_node to, const char* tag, std::string_view text = {}, const char* kind = nullptr);
+  /// A paragraph that begins with a name in bold, of class `kind`.
+  static pugi::xml_node add_named(pugi::xml_node to, std::string_view name, std::string_view text,
+                                  const char* kind = nullptr);
   /// A drawing for add_svg. `data`: figure_data() of what it shows, for the script; may be empty. `inverts`: where the
   /// page is dark its colours are turned around; else only those of the theme are exchanged.
   struct Svg {

@@ -28,7 +28,10 @@ function drawn(tag, attributes = {}, text = '') {
   return made;
 }
 
-const shown = (value) => plain(Number(value.toPrecision(digits)));
+const raised = (power) => [...power].map((c) => (c === '-' ? '⁻' : '⁰¹²³⁴⁵⁶⁷⁸⁹'[c])).join('');
+/// A number as pages write it: 2.5·10⁻⁷.
+const written = (value) => plain(value).replace(/e\+?(-?\d+)$/, (_, power) => `·10${raised(power)}`);
+const shown = (value) => written(Number(value.toPrecision(digits)));
 const unitOf = ({ unit }) => (unit && unit !== '-' ? ' ' + unit : '');
 
 /// gnuplot's enhanced text of a symbol as [text, style] pairs.
@@ -209,10 +212,10 @@ class Chart {
     if (!width) return;
     const height = Math.round(Math.min(400, Math.max(240, 0.62 * width)));
     const marks = { y: ticks(...this.y, Math.max(2, height / down_px)) };
-    const left = 34 + 7 * Math.max(...marks.y.map((at) => plain(at).length));
-    const right = this.data.colour ? 78 : 14;
+    const left = 34 + 7 * Math.max(...marks.y.map((at) => written(at).length));
+    const right = this.data.colour ? this.colourBarWidth() : 14;
     this.box = { left, top: 8, width: Math.max(40, width - left - right), height: height - 54 };
-    const room = Math.max(across_px, 9 * 1.4 * Math.max(...ticks(...this.x, 4).map((at) => plain(at).length)));
+    const room = Math.max(across_px, 9 * 1.4 * Math.max(...ticks(...this.x, 4).map((at) => written(at).length)));
     marks.x = ticks(...this.x, Math.max(1, this.box.width / room)).filter((x) => !this.counts || Number.isInteger(x));
     this.svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
     const clip = `clip${charts.indexOf(this)}`, { top } = this.box;
@@ -241,25 +244,31 @@ class Chart {
     out.push(drawn('path', { class: 'grid', d: grid.join('') }));
     out.push(drawn('path', { class: 'axis', d: `M${left} ${top}V${bottom}H${left + width}` }));
     for (const x of marks.x) {
-      const half = 4 * plain(x).length;
+      const half = 4 * written(x).length;
       const middle = Math.min(this.px(x), left + width + 12 - half);
-      out.push(drawn('text', { x: at(middle), y: bottom + 17, class: 'middle' }, plain(x)));
+      out.push(drawn('text', { x: at(middle), y: bottom + 17, class: 'middle' }, written(x)));
     }
-    for (const y of marks.y) out.push(drawn('text', { x: left - 6, y: at(this.py(y) + 4), class: 'end' }, plain(y)));
+    for (const y of marks.y) out.push(drawn('text', { x: left - 6, y: at(this.py(y) + 4), class: 'end' }, written(y)));
     out.push(label(this.data.x, { x: left + width / 2, y: height - 6, class: 'middle name' }));
     out.push(label(this.data.y, { transform: `translate(14 ${top + deep / 2}) rotate(-90)`, class: 'middle name' }));
     return out;
   }
 
+  /// With its numbers and, beside the longest of them, its label.
+  colourBarWidth() {
+    const { from, to } = this.data.colour;
+    return 50 + 7 * Math.max(4, ...ticks(from, to, 5).map((at) => written(at).length));
+  }
+
   colourBar(width) {
-    const { colour } = this.data, { top, height } = this.box, left = width - 66, out = [];
+    const { colour } = this.data, { top, height } = this.box, left = width - this.colourBarWidth() + 12, out = [];
     const fill = drawn('linearGradient', { id: `bar${charts.indexOf(this)}`, x1: 0, y1: 1, x2: 0, y2: 0 });
     for (let k = 0; k <= 16; ++k)
       fill.append(drawn('stop', { offset: k / 16, 'stop-color': `rgb(${viridis(k / 16)})` }));
     out.push(fill, drawn('rect', { x: left, y: top, width: 10, height, fill: `url(#${fill.id})` }));
     for (const at of ticks(colour.from, colour.to, 5)) {
       const y = top + (colour.to - at) / (colour.to - colour.from) * height;
-      out.push(drawn('text', { x: left + 14, y: (Math.min(top + height, y + 4)).toFixed(1) }, plain(at)));
+      out.push(drawn('text', { x: left + 14, y: (Math.min(top + height, y + 4)).toFixed(1) }, written(at)));
     }
     out.push(label(colour, { transform: `translate(${width - 5} ${top + height / 2}) rotate(-90)`,
       class: 'middle name' }));
@@ -378,7 +387,7 @@ class Chart {
       mark === 'band' && (series.shade.length || stroke === series.stroke) && x.includes(series.x[k]));
     if (series.mark !== 'line' || !around) return shown(y) + unit;
     const half = around.y[around.x.indexOf(series.x[k])] - y;
-    return `${shown(y)} ± ${plain(Number(half.toPrecision(2)))}${unit} (95 %)`;
+    return `${shown(y)} ± ${written(Number(half.toPrecision(2)))}${unit} (95 %)`;
   }
 
   row(series, k, text) {
@@ -463,7 +472,7 @@ class Chart {
 function number(text) {
   const small = '⁰¹²³⁴⁵⁶⁷⁸⁹', plainOf = (c) => (c === '⁻' ? '-' : small.indexOf(c));
   const power = (all, times, digits) => `${times ? '' : '1'}e${[...digits].map(plainOf).join('')}`;
-  const ascii = text.trim().replace(/(·?)10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)/g, power);
+  const ascii = text.trim().replace(/\u00a0/g, ' ').replace(/(·?)10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)/g, power);
   const time = /^(?:(\d+) h )?(\d+) min (\d+) s/.exec(ascii);
   if (time) return 3600 * (time[1] ?? 0) + 60 * time[2] + Number(time[3]);
   const date = /^(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d))?)?(?:Z| UTC)?$/.exec(ascii);

@@ -245,10 +245,19 @@ Result<Image> contact_sheet(PosePainter& painter, std::span<const PoseState> sta
         return std::isfinite(v) ? v : -std::numeric_limits<double>::infinity();
       };
       const auto& top = *std::ranges::max_element(state.joints, {}, value);
-      if (std::isfinite(value(top)))
-        text += options.colour_by == ColourBy::temperature
-                    ? fmt::format(" · warmest: {}, {:.1f} °C", top.name, value(top))
-                    : fmt::format(" · maximum: {}, {:.1f} %", top.name, value(top));
+      if (std::isfinite(value(top))) {
+        const bool degrees = options.colour_by == ColourBy::temperature;
+        const std::string most = fmt::format("{:.1f}", value(top));
+        const auto as_much = std::ranges::count(state.joints, most,
+                                                [&](const JointState& j) { return fmt::format("{:.1f}", value(j)); });
+        const bool all = as_much > 1 && as_much == std::ssize(state.joints);
+        text += fmt::format(" · {}{}{}{} {}",
+                            all       ? "all joints"
+                            : degrees ? "warmest: "
+                                      : "maximum: ",
+                            all ? "" : top.name, all || as_much == 1 ? "" : fmt::format(" and {} more", as_much - 1),
+                            all ? ": " + most : ", " + most, degrees ? "°C" : "%");
+      }
     }
     draw_text(sheet, text, x + 2 * unit, y + each.height + 5 * unit, unit);
     if (progress) progress((i + 1.0) / n);

@@ -138,6 +138,22 @@ void add_trend(DiagnosisData& d) {
 
 std::string percent(double share) { return fmt::format("{:.1f}", 100 * share); }
 
+/// "joint3" of joint3_2026-01-10.csv, joint3_2026-02-14.csv: what the names of the files share before their dates; of
+/// files without dates nothing.
+std::string common_name(const std::vector<Observation>& observations) {
+  std::string common;
+  for (const auto& o : observations) {
+    const std::string name = name_of(o);
+    std::size_t date = 0;
+    while (date + 10 <= name.size() && !twin::to_time(std::string_view(name).substr(date, 10))) ++date;
+    if (date + 10 > name.size()) return {};
+    const std::string before = name.substr(0, name.find_last_not_of("_-. ", date ? date - 1 : 0) + 1);
+    if (before.empty() || (!common.empty() && before != common) || date == 0) return {};
+    common = before;
+  }
+  return common;
+}
+
 class Writer {
  public:
   Writer(const DiagnosisData& d, const ReportOptions& options)
@@ -157,7 +173,8 @@ class Writer {
 
  private:
   std::string title() const {
-    return fmt::format("Diagnosis{}", d_.healthy.joint.empty() ? "" : " of " + d_.healthy.joint);
+    const std::string joint = d_.healthy.joint.empty() ? common_name(d_.checked) : d_.healthy.joint;
+    return fmt::format("Diagnosis{}", joint.empty() ? "" : " of " + joint);
   }
 
   std::size_t anomalous() const {
@@ -166,34 +183,65 @@ class Writer {
 
   std::string verdict() const {
     const auto& last = d_.verdicts.back();
+    const std::size_t sure = anomalous() - by_chance();
     if (anomalous() == 0)
       return d_.verdicts.size() == 1 ? std::string("The curve is that of a healthy joint.")
                                      : fmt::format("All {} curves are those of a healthy joint.", d_.verdicts.size());
     const bool one = d_.verdicts.size() == 1;
+    if (one && last.perhaps_healthy)
+      return fmt::format(
+          "The curve is beyond the limits of a healthy joint; chance is the likeliest cause "
+          "(probability {}).",
+          probability_text(last.confidence));
+    if (sure == 0 && !beyond_chance())
+      return fmt::format("{} of {} curves {} beyond the limits of a healthy joint, which may be chance.", anomalous(),
+                         d_.verdicts.size(), anomalous() == 1 ? "is" : "are");
+    if (sure == 0)
+      return fmt::format(
+          "{} of {} curves are beyond the limits of a healthy joint, too many for chance, and like no "
+          "known cause.",
+          anomalous(), d_.verdicts.size());
     std::string now = ", but the latest is.";
     if (last.anomalous && last.cause)
       now = fmt::format("; {} looks like {}.", one ? "it" : "the latest", cause_text(last));
     else if (last.perhaps_healthy)
-      now = fmt::format("; {} is the likeliest cause (probability {}).", one ? "chance" : "of the latest chance",
-                        probability_text(last.confidence));
+      now = beyond_chance() ? fmt::format("; the latest is one of {} more, too many for chance.", by_chance())
+                            : "; the latest may be beyond the limits by chance.";
     else if (last.anomalous)
       now = fmt::format("; no known cause changes friction like {}.", one ? "it" : "the latest");
     if (one) return "The curve is not that of a healthy joint" + now;
-    return fmt::format("{} of {} curves {} of a healthy joint{}", anomalous(), d_.verdicts.size(),
-                       anomalous() == 1 ? "is not that" : "are not those", now);
+    return fmt::format("{} of {} curves {} of a healthy joint{}", sure, d_.verdicts.size(),
+                       sure == 1 ? "is not that" : "are not those", now);
+  }
+
+  /// Curves beyond a limit of which each alone is likelier so by chance than by a known cause.
+  std::size_t by_chance() const {
+    return static_cast<std::size_t>(std::ranges::count_if(d_.verdicts, &Verdict::perhaps_healthy));
+  }
+
+  /// Whether these are too many: chance has a healthy curve beyond the limit of either region at the rate that was
+  /// asked for, and so many of all curves with a probability below 1 % (binomial).
+  bool beyond_chance() const {
+    const double each = 1 - std::pow(1 - d_.options.check.false_alarm, 2), n = static_cast<double>(d_.verdicts.size());
+    double fewer = 0, term = std::pow(1 - each, n);
+    for (std::size_t k = 0; k < by_chance(); ++k) {
+      fewer += term;
+      term *= (n - static_cast<double>(k)) / static_cast<double>(k + 1) * each / (1 - each);
+    }
+    return by_chance() > 1 && 1 - fewer < 0.01;
   }
 
   Opening opening() const {
     const auto& last = d_.verdicts.back();
-    const bool now = last.anomalous && !last.perhaps_healthy, before = anomalous() > 0;
+    const bool now = last.anomalous && (!last.perhaps_healthy || beyond_chance()), before = anomalous() > 0;
     Opening o{
         .verdict = verdict(),
         .light = now      ? Light::red
                  : before ? Light::amber
                           : Light::green,
         .rule =
-            "red when the latest curve is not that of a healthy joint, amber when an earlier one is not or chance may "
-            "explain the latest.",
+            "red when the latest curve is not that of a healthy joint, or is one of too many beyond a limit for chance "
+            "(1 %); amber when an earlier one is not, or chance may explain the latest.",
         .tiles = {},
         .action = last.cause             ? std::string(last.cause->advice) + "."
                   : now                  ? "measure again, cold and hot: the cause is not known."

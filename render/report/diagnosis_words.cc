@@ -62,7 +62,8 @@ std::string cause_text(const Verdict& v) {
 
 std::string cause_sentence(const Verdict& v) {
   if (v.perhaps_healthy)
-    return fmt::format("Chance is likelier than any known cause (probability {}).", probability_text(v.confidence));
+    return fmt::format("Of this curve alone, chance is likelier than any known cause (probability {}).",
+                       probability_text(v.confidence));
   return v.cause ? fmt::format("It looks like {}.", cause_text(v)) : "No known cause changes friction like this.";
 }
 

@@ -29,7 +29,13 @@ Stroke stroke(std::size_t index) {
       {{0xe0, 0x9f, 0x1f}, "solid", {0xf2, 0xbc, 0x57}}, {{0x4a, 0x55, 0x68}, "(26,5)", {0xaa, 0xb4, 0xc3}},
       {{0xb0, 0x5b, 0x9e}, "(2,9)", {0xe2, 0x9b, 0xd3}}, {{0x6b, 0x8e, 0x23}, "(14,4,3,4,3,4)", {0xa8, 0xcc, 0x5a}},
   };
-  return table[index % strokes];
+  Stroke stroke = table[index % strokes];
+  // From the ninth on colours come again, with the dashes of others; the fifth is solid, as the first is.
+  static constexpr std::size_t solid_again = 4, patterns = strokes - 1;
+  const std::size_t own = index % strokes, pattern = own < solid_again ? own : own == solid_again ? 0 : own - 1;
+  const std::size_t shifted = (pattern + index / strokes) % patterns;
+  stroke.dashes = table[shifted < solid_again ? shifted : shifted + 1].dashes;
+  return stroke;
 }
 }  // namespace theme
 
@@ -95,7 +101,9 @@ std::string digits(double value, int count) {
   const double size = std::abs(value);
   std::string shortest = fmt::format("{:.{}g}", value, count);
   if (shortest.find('e') == std::string::npos || size < 1e-6 || size >= 1e7) return shortest;
-  return fmt::format("{:.{}f}", value, std::max(0, count - 1 - static_cast<int>(std::floor(std::log10(size)))));
+  shortest = fmt::format("{:.{}f}", value, std::max(0, count - 1 - static_cast<int>(std::floor(std::log10(size)))));
+  if (shortest.find('.') != std::string::npos) shortest.erase(shortest.find_last_not_of('0') + 1);
+  return shortest;
 }
 
 std::string duration(double seconds) {

@@ -34,7 +34,7 @@ inline constexpr std::string_view page_font = "Inter, 'Segoe UI', Roboto, 'Helve
 inline constexpr std::string_view picture_font = "DejaVu Sans";
 
 /// Line `index` of a figure without colour bar. Its lightness and its dashes differ from its neighbours', so that
-/// it is recognised in greyscale; repeats after eight.
+/// it is recognised in greyscale. After eight colours come again, each time with other dashes, 56 in all.
 struct Stroke {
   Colour colour;
   std::string_view dashes;  ///< gnuplot's dashtype

@@ -1,10 +1,12 @@
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <fstream>
 #include <iterator>
 #include <string_view>
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include <tribotwin/render/report/record/cycles.hpp>
@@ -138,11 +140,28 @@ std::string RunData::robot() const {
 
 std::string RunData::serial_number() const { return scenario_key(*this, "serial_number"); }
 
+std::string RunData::recording_file() const {
+  try {
+    const YAML::Node motion = twin::parse_yaml(scenario_text, "scenario.yaml")["motion"];
+    if (!motion.IsMap() || !motion["file"] || !motion["file"].IsScalar()) return {};
+    return fs::path(motion["file"].Scalar()).filename().string();
+  } catch (const std::exception&) {  // the page says elsewhere that the scenario cannot be read
+    return {};
+  }
+}
+
 std::string RunData::date() const {
   const auto at = summary.is_object() ? summary.find("finished_at") : summary.end();
-  if (at == summary.end() || !at->is_string()) return {};
-  const auto said = at->get<std::string>();  // 2026-11-25T14:20:31Z
-  return said.size() >= 16 ? said.substr(0, 10) + " " + said.substr(11, 5) + " UTC" : said;
+  if (at != summary.end() && at->is_string()) {
+    const auto said = at->get<std::string>();  // 2026-11-25T14:20:31Z
+    return said.size() >= 16 ? said.substr(0, 10) + " " + said.substr(11, 5) + " UTC" : said;
+  }
+  if (!unfinished()) return {};
+  std::error_code error;
+  const auto written = fs::last_write_time(directory / "telemetry.h5", error);
+  if (error) return {};
+  const auto time = std::chrono::system_clock::to_time_t(std::chrono::file_clock::to_sys(written));
+  return fmt::format("last written {:%Y-%m-%d %H:%M} UTC", fmt::gmtime(time));
 }
 
 std::string shown_folder(const fs::path& directory) {

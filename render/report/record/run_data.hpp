@@ -54,8 +54,13 @@ struct RunData {
   std::string attribute(std::string_view name) const;
   /// What the scenario calls the robot, else the name of its model; may be empty.
   std::string robot() const;
-  std::string serial_number() const;  ///< of the scenario; may be empty
-  std::string date() const;           ///< when the run ended: "2026-11-25 14:20 UTC"; may be empty
+  std::string serial_number() const;   ///< of the scenario; may be empty
+  std::string recording_file() const;  ///< whose motion the run repeats, without its folder; may be empty
+  /// When the run ended: "2026-11-25 14:20 UTC"; of an unfinished one "last written 2026-11-25 14:20 UTC"; may be
+  /// empty.
+  std::string date() const;
+  /// Neither damaged nor complete: still being written, or ended early.
+  bool unfinished() const { return damage.empty() && !record.time_s.empty() && !record.complete; }
   const mujoco::Model* model() const { return scenario ? scenario->model.get() : nullptr; }
 };
 

@@ -44,45 +44,82 @@ void add_table(IllustratedPage& page, const std::vector<std::string>& head,
   }
 }
 
-/// A row with the value of every run, as a format or with so many digits, and, of two runs, how the second differs:
-/// `scatter` is what a difference of single cycles scatters by, NaN where that is not known.
-void add_row(std::vector<std::vector<std::string>>& rows, const Runs& runs, const std::string& what,
-             const std::string& unit, auto format, auto value, double scatter = unknown) {
-  std::vector<double> values;
-  for (const auto& run : runs.all) values.push_back(value(*run));
-  if (std::ranges::none_of(values, [](double v) { return std::isfinite(v); })) return;
-  std::vector<std::string> row{unit.empty() ? what : fmt::format("{} [{}]", what, unit)};
-  for (const double v : values) row.push_back(shown(v, format));
-  if (values.size() == 2)
-    row.push_back(std::isfinite(values[0] + values[1]) ? change_text(values[0], values[1], unit, scatter) : "–");
-  rows.push_back(std::move(row));
-}
+/// What came of every run, and how it differs from what came of the first: of two runs in a last column, of as many as
+/// are overlaid in rows of their own.
+class Results {
+ public:
+  explicit Results(const Runs& runs) : runs_(runs) {}
 
-/// Of the difference of a joint's friction power in two work cycles, one of each run [W]; NaN where a run does not say.
-double scatter_of_cycles(const Runs& runs, const std::string& joint) {
-  double squares = 0;
+  /// The value of every run, as a format or with so many digits. `scatters`: what a difference of single cycles of each
+  /// run and of the first scatters by, NaN where that is not known; or none.
+  void add(const std::string& what, const std::string& unit, auto format, auto value,
+           const std::vector<double>& scatters = {}) {
+    std::vector<double> values;
+    for (const auto& run : runs_.all) values.push_back(value(*run));
+    if (std::ranges::none_of(values, [](double v) { return std::isfinite(v); })) return;
+    std::vector<std::string> row{unit.empty() ? what : fmt::format("{} [{}]", what, unit)}, changes{what};
+    for (const double v : values) row.push_back(shown(v, format));
+    for (std::size_t i = 1; i < values.size(); ++i) {
+      const double scatter = i < scatters.size() ? scatters[i] : unknown;
+      scatters_ = scatters_ || std::isfinite(scatter);
+      const bool both = std::isfinite(values[0] + values[i]);
+      changes.push_back(both ? change_text(values[0], values[i], unit, scatter) : "–");
+    }
+    if (values.size() == 2) row.push_back(changes.back());
+    rows_.push_back(std::move(row));
+    if (std::any_of(changes.begin() + 1, changes.end(), [](const auto& c) { return c != "none"; }))
+      differences_.push_back(std::move(changes));
+  }
+
+  void show(IllustratedPage& page) {
+    const std::size_t count = runs_.all.size();
+    std::vector<std::string> head{"result"};
+    for (const auto& run : runs_.all) head.push_back(runs_.label(*run));
+    const std::string first = head[1];
+    if (count == 2) head.emplace_back("difference");
+    add_table(page, head, rows_);
+    if (count > 2 && !runs_.many() && !differences_.empty()) {
+      head.erase(head.begin());
+      head.front() = "difference from " + first;
+      add_table(page, head, differences_);
+    }
+    page.add(page.body(), "p", meaning(), "soft");
+  }
+
+ private:
+  /// What the differences are worth.
+  std::string meaning() const {
+    const std::string all = fmt::format(
+        "Simulations have no noise: what is above {:g} %, which multi-rate runs may leave, is a difference.",
+        100 * resolved_share);
+    if (runs_.many()) return all;  // no differences in the table
+    return all + (scatters_
+                      ? " ± is the standard deviation of the difference of two single work cycles, one of each run, "
+                        "by how far cycles are from the mean of their neighbours; means over a run are surer."
+                      : " No ±: too few neighbouring work cycles were computed to say how they scatter.");
+  }
+
+  const Runs& runs_;
+  std::vector<std::vector<std::string>> rows_, differences_;
+  bool scatters_ = false;
+};
+
+/// Of the difference of a joint's friction power in two work cycles, one of each run and one of the first [W]; NaN
+/// where one of both does not say.
+std::vector<double> scatters_of_cycles(const Runs& runs, const std::string& joint) {
+  std::vector<double> scatters;
   for (const auto& run : runs.all) {
     const JointHistory* j = history_of(*run, joint);
-    const double scatter = j ? friction_power_scatter(*run, *j) : unknown;
-    squares += scatter * scatter;
+    scatters.push_back(j ? friction_power_scatter(*run, *j) : unknown);
   }
-  return std::sqrt(squares);
+  const double first = scatters.front();
+  std::ranges::transform(scatters, scatters.begin(), [first](double own) { return std::hypot(first, own); });
+  return scatters;
 }
 
 /// Power of work cycles where all runs have them, which no choice of samples can distort; else root mean squares.
 bool compares_power(const Runs& runs) {
   return std::ranges::all_of(runs.all, [](const auto& run) { return has_cycles(*run); });
-}
-
-/// What the differences of the table are worth.
-std::string meaning_of_differences(std::size_t runs, bool scatters) {
-  const std::string all =
-      fmt::format("Simulations have no noise: what is above {:g} %, which multi-rate runs may leave, is a difference.",
-                  100 * resolved_share);
-  if (runs != 2) return all;  // no column of differences
-  return all + (scatters ? " ± is the standard deviation of the difference of two single work cycles, one of each run, "
-                           "by how far cycles are from the mean of their neighbours; means over a run are surer."
-                         : " No ±: too few neighbouring work cycles were computed to say how they scatter.");
 }
 
 /// Values of one joint or, where it is empty, the maximum over all.
@@ -93,39 +130,36 @@ double of_joints(const RunData& run, const std::string& name, double JointSummar
   return all;
 }
 
+/// In the unit of the largest.
+void add_work(Results& results, const Runs& runs, const std::string& what, const char* key) {
+  double most = 0;
+  for (const auto& run : runs.all) most = std::fmax(most, std::abs(number(run->summary, {key})));
+  const auto unit = energy_unit(most);
+  results.add(what, unit.first, 5, [&](const RunData& r) { return number(r.summary, {key}) / unit.second; });
+}
+
 void add_results(IllustratedPage& page, const Runs& runs) {
-  std::vector<std::string> head{"result"};
-  for (const auto& run : runs.all) head.push_back(runs.label(*run));
-  if (runs.all.size() == 2) head.emplace_back("difference");
-  std::vector<std::vector<std::string>> rows;
-  add_row(rows, runs, "simulated", "s", "{:.1f}", [](const RunData& r) { return simulated_s(r); });
-  bool scatters = false;
+  Results results(runs);
+  results.add("simulated", "s", "{:.1f}", [](const RunData& r) { return simulated_s(r); });
   for (const auto& joint : runs.all.front()->joints) {
     if (!joint.moved) continue;
-    const std::string unit = joint.slide ? "N" : "Nm";
-    add_row(rows, runs, joint.name + ": friction, RMS", unit, 4,
-            [&](const RunData& r) { return of_joints(r, joint.name, &JointSummary::friction_rms_nm); });
-    if (compares_power(runs)) {
-      const double scatter = scatter_of_cycles(runs, joint.name);
-      scatters = scatters || std::isfinite(scatter);
-      add_row(
-          rows, runs, joint.name + ": friction power", "W", 4,
-          [&](const RunData& r) { return friction_power_w(history_of(r, joint.name)); }, scatter);
-    }
-    add_row(rows, runs, joint.name + ": maximum temperature", "°C", "{:.2f}",
-            [&](const RunData& r) { return of_joints(r, joint.name, &JointSummary::max_degC); });
+    results.add(joint.name + ": friction, RMS", joint.slide ? "N" : "Nm", 4,
+                [&](const RunData& r) { return of_joints(r, joint.name, &JointSummary::friction_rms_nm); });
+    if (compares_power(runs))
+      results.add(
+          joint.name + ": friction power", "W", 4,
+          [&](const RunData& r) { return friction_power_w(history_of(r, joint.name)); },
+          scatters_of_cycles(runs, joint.name));
+    results.add(joint.name + ": maximum temperature", "°C", "{:.2f}",
+                [&](const RunData& r) { return of_joints(r, joint.name, &JointSummary::max_degC); });
   }
-  add_row(rows, runs, "friction work", "kJ", 5,
-          [](const RunData& r) { return number(r.summary, {"friction_work_J"}) / 1e3; });
-  add_row(rows, runs, "motor work", "kJ", 5,
-          [](const RunData& r) { return number(r.summary, {"motor_work_J"}) / 1e3; });
-  add_row(rows, runs, "maximum load", "", "{:.3f}",
-          [](const RunData& r) { return of_joints(r, "", &JointSummary::load_max); });
-  add_row(rows, runs, "error against recording", "mrad", "{:.1f}", [](const RunData& r) {
+  add_work(results, runs, "friction work", "friction_work_J");
+  add_work(results, runs, "motor work", "motor_work_J");
+  results.add("maximum load", "", "{:.3f}", [](const RunData& r) { return of_joints(r, "", &JointSummary::load_max); });
+  results.add("error against recording", "mrad", "{:.1f}", [](const RunData& r) {
     return number(r.summary, {"comparison", "mae_mrad"});
   });
-  add_table(page, head, rows);
-  page.add(page.body(), "p", meaning_of_differences(runs.all.size(), scatters), "soft");
+  results.show(page);
 }
 
 void add_differing_keys(IllustratedPage& page, const Runs& runs) {

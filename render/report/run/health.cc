@@ -105,9 +105,7 @@ void add_warnings(pugi::xml_node to, const RunData& run) {
   for (const auto& line : twin::health_lines(findings_of(run))) {
     if (line.verdict != Verdict::warning && line.check != starting_points_check) continue;
     if (!box) box = Page::add(to, "div", {}, "notice");
-    auto paragraph = Page::add(box, "p");
-    Page::add(paragraph, "strong", line.check);
-    paragraph.append_child(pugi::node_pcdata).set_value((" " + line.text).c_str());
+    Page::add_named(box, line.check, " " + line.text);
   }
 }
 

@@ -156,6 +156,12 @@ std::optional<Drawing> cold_and_warm(const RunData& run) {
   return shown;
 }
 
+/// " of a.json"; nothing where it has no name.
+std::string of_recording(const RunData& run) {
+  const std::string file = run.recording_file();
+  return file.empty() ? "" : " of " + file;
+}
+
 Axis recording_axis() { return {.quantity = "recorded − simulated position", .unit = "mrad"}; }
 
 /// Recorded minus simulated position [rad], where the scenario replays a recording that measured it.
@@ -180,7 +186,8 @@ std::optional<Trace> recording_error(const RunData& run) {
 std::optional<Drawing> recording_error_over_time(const RunData& run) {
   const auto error = recording_error(run);
   if (!error) return std::nullopt;
-  Drawing d{tracking_error("", std::array{*error}), "Recorded minus simulated joint position."};
+  Drawing d{tracking_error("", std::array{*error}),
+            fmt::format("Recorded minus simulated joint position{}.", of_recording(run))};
   d.figure.y = recording_axis();
   return d;
 }
@@ -191,7 +198,9 @@ std::optional<Drawing> recording_error_histogram(const RunData& run) {
   std::vector<double> mrad;
   for (const double e : error->values) mrad.push_back(1e3 * e);
   return Drawing{residual_histogram("", recording_axis(), mrad),
-                 "How often each error occurs, with the normal distribution of the same mean and deviation."};
+                 fmt::format("How often each error{} occurs, with the normal distribution of the same mean and "
+                             "deviation.",
+                             of_recording(run))};
 }
 
 constexpr FigureRow<RunData> table[] = {
@@ -200,8 +209,8 @@ constexpr FigureRow<RunData> table[] = {
     {"friction", "Friction power", friction_power_of_joints},
     {"friction", "Friction torque", friction_torque},
     {"cold_and_warm", "Cold and warm", cold_and_warm},
-    {"recording_error", "Recording against twin", recording_error_over_time},
-    {"recording_error_histogram", "Recording against twin", recording_error_histogram},
+    {"recording_error", "Recording against twin, over time", recording_error_over_time},
+    {"recording_error_histogram", "Recording against twin, how often", recording_error_histogram},
 };
 
 }  // namespace

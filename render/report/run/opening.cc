@@ -17,12 +17,6 @@ namespace {
 constexpr double watched_share = 0.05;  ///< of friction: more is amber
 constexpr double same_share = 0.005;    ///< of friction: less would be written as 0 %
 
-std::pair<const char*, double> energy_unit(double joule) {
-  for (const auto& [unit, size] : {std::pair{"MJ", 1e6}, {"kJ", 1e3}})
-    if (std::abs(joule) >= size) return {unit, size};
-  return {"J", 1};
-}
-
 /// Less is what a drive that stands still, or has just begun, works [J]; its digits say nothing.
 constexpr double no_work_J = 1e-9;
 
@@ -37,7 +31,8 @@ std::string energy(double joule) {
 std::string of_motor_work(double joule, double motor_joule) {
   if (std::abs(motor_joule) <= std::max(no_work_J, 1e-9 * std::abs(joule))) return "without work of the motors";
   if (motor_joule < 0) return fmt::format("while the motors brake more than they drive, by {}", energy(-motor_joule));
-  return fmt::format("{} % of {} motor work", digits(100 * joule / motor_joule, 3), energy(motor_joule));
+  return fmt::format("{} % of {} motor work{}", digits(100 * joule / motor_joule, 3), energy(motor_joule),
+                     joule > motor_joule * 1.005 ? ", as gravity or stored energy drives, too" : "");
 }
 
 struct Change {
@@ -95,8 +90,10 @@ void add_load(std::vector<Tile>& tiles, const std::vector<JointSummary>& joints)
   for (const auto& j : joints)
     if (std::isfinite(j.load_max) && (!loaded || j.load_max > loaded->load_max)) loaded = &j;
   if (loaded)
-    tiles.push_back({"maximum load", fmt::format("{:.0f} %", 100 * loaded->load_max),
-                     fmt::format("of the maximum torque, {}", loaded->name)});
+    tiles.push_back({"maximum load",
+                     loaded->load_max < 10 ? fmt::format("{:.0f} %", 100 * loaded->load_max)
+                                           : fmt::format("{} times", digits(loaded->load_max, 3)),
+                     fmt::format("{}the maximum torque, {}", loaded->load_max < 10 ? "of " : "", loaded->name)});
 }
 
 /// At most five.
@@ -136,7 +133,12 @@ std::vector<std::string> identity_of_run(const RunData& run, const ReportOptions
     version = text(run.summary["engine"], "version");
   const std::string robot = options.robot.empty() ? run.robot() : options.robot,
                     serial = options.serial_number.empty() ? run.serial_number() : options.serial_number;
-  return {robot, serial_number_in_words(serial), run.date(), options.software,
+  const std::string repeats = run.recording_file();
+  return {robot,
+          serial_number_in_words(serial),
+          repeats.empty() ? "" : "recording: " + repeats,
+          run.date(),
+          options.software,
           version.empty() ? "" : "simulated by MuJoCo " + version};
 }
 
@@ -171,6 +173,11 @@ Opening opening_of(const RunData& run, const ReportOptions& options) {
     o.light = Light::amber;
     o.rule += " But friction and heat of its model are guesses.";
     o.action = "identify friction and heat of this robot before torques or temperatures are used.";
+  } else if (run.unfinished()) {
+    o.verdict = fmt::format("This run has not finished; so far: {}", o.verdict);
+    o.light = Light::amber;
+    o.rule = "a run is amber when it is still being written or was ended early: nothing is known of its health.";
+    o.action = "wait for its end, or run it again; what it has written is below.";
   } else if (!run.missing.empty()) {
     o.light = Light::amber;
     o.rule = "a page is amber when something is missing.";
@@ -203,11 +210,39 @@ std::string list_of(std::vector<DifferingKey> keys) {
   return keys.size() > shown_max ? fmt::format("{} and {} more", all, keys.size() - shown_max) : all;
 }
 
+/// The largest change of friction work against that of the first run.
+struct WorkChange {
+  std::size_t run = 0;  ///< 0: none beyond resolved_share
+  double share = 0;
+};
+
+/// Of runs as long as the first; others work more or less anyhow.
+WorkChange work_change(const Runs& runs) {
+  const double first = number(runs.all.front()->summary, {"friction_work_J"}), s = simulated_s(*runs.all.front());
+  WorkChange most;
+  for (std::size_t r = 1; r < runs.all.size(); ++r)
+    if (const double share = number(runs.all[r]->summary, {"friction_work_J"}) / first - 1;
+        first > no_work_J && std::isfinite(share) && std::abs(simulated_s(*runs.all[r]) / s - 1) < resolved_share &&
+        std::abs(share) > std::max(resolved_share, std::abs(most.share)))
+      most = {r, share};
+  return most;
+}
+
+/// Whether friction work says far more than root mean squares: these are ruled by when friction is large, work by how
+/// long the joint moves.
+bool work_matters_more(const WorkChange& work, const FrictionChange& most) {
+  constexpr double far_more = 2;
+  return std::abs(work.share) > watched_share && std::abs(work.share) > far_more * std::abs(most.share());
+}
+
 std::vector<Tile> tiles_of(const Runs& runs, const FrictionChange* most) {
   std::vector<Tile> tiles;
   if (!most) return tiles;
   const RunData &first = *runs.all.front(), &other = *runs.all[most->run];
-  tiles.push_back({fmt::format("friction of {}, RMS", most->joint),
+  const auto which = [&](const RunData& run) {
+    return runs.all.size() > 2 ? fmt::format(", {} → {}", runs.label(first), runs.label(run)) : std::string();
+  };
+  tiles.push_back({fmt::format("friction of {}, RMS{}", most->joint, which(other)),
                    fmt::format("{} → {} {}", digits(most->first, 4), digits(most->other, 4), most->unit),
                    change_text(most->first, most->other, most->unit)});
   const auto temperature = [&](const RunData& run) {
@@ -216,28 +251,33 @@ std::vector<Tile> tiles_of(const Runs& runs, const FrictionChange* most) {
     return std::nan("");
   };
   if (const double a = temperature(first), b = temperature(other); std::isfinite(a + b))
-    tiles.push_back({fmt::format("maximum temperature, {}", most->joint), fmt::format("{:.1f} → {:.1f} °C", a, b),
-                     fmt::format("{:+.1f} K", b - a)});
-  for (const auto& [what, key] : {std::pair{"friction work", "friction_work_J"}, {"motor work", "motor_work_J"}})
-    if (const double a = number(first.summary, {key}), b = number(other.summary, {key}); std::isfinite(a + b)) {
+    tiles.push_back({fmt::format("maximum temperature, {}{}", most->joint, which(other)),
+                     fmt::format("{:.1f} → {:.1f} °C", a, b), fmt::format("{:+.1f} K", b - a)});
+  const WorkChange work = work_change(runs);
+  const RunData& worked = work_matters_more(work, *most) ? *runs.all[work.run] : other;
+  for (const auto& [what, key] :
+       {std::pair<std::string, const char*>{"friction work", "friction_work_J"}, {"motor work", "motor_work_J"}})
+    if (const double a = number(first.summary, {key}), b = number(worked.summary, {key}); std::isfinite(a + b)) {
       const auto [unit, size] = energy_unit(std::max(std::abs(a), std::abs(b)));
-      tiles.push_back({what, fmt::format("{} → {}", energy(a), energy(b)), change_text(a / size, b / size, unit)});
+      tiles.push_back(
+          {what + which(worked), fmt::format("{} → {}", energy(a), energy(b)), change_text(a / size, b / size, unit)});
     }
   return tiles;
 }
 
 /// ", but friction work falls by 4.1 % in hotter": root mean squares may stay where power does not.
-std::string changed_work(const Runs& runs) {
-  const double first = number(runs.all.front()->summary, {"friction_work_J"});
-  double share = 0;
-  std::string where;
-  for (const auto& run : runs.all)
-    if (const double change = number(run->summary, {"friction_work_J"}) / first - 1;
-        std::isfinite(change) && std::abs(change) > std::max(resolved_share, std::abs(share)))
-      share = change, where = runs.label(*run);
-  if (where.empty()) return {};
-  return fmt::format(", but friction work {} by {:.1f} % in {}", share < 0 ? "falls" : "rises", 100 * std::abs(share),
-                     where);
+std::string changed_work(const Runs& runs, const WorkChange& work) {
+  if (work.run == 0) return {};
+  return fmt::format(", but friction work {} by {:.1f} % in {}", work.share < 0 ? "falls" : "rises",
+                     100 * std::abs(work.share), runs.label(*runs.all[work.run]));
+}
+
+/// "Friction takes 12.6 % less work in hotter than in cold: 1.23 → 1.08 kJ"
+std::string sentence_of_work(const Runs& runs, const WorkChange& work) {
+  const RunData &first = *runs.all.front(), &other = *runs.all[work.run];
+  const double a = number(first.summary, {"friction_work_J"}), b = number(other.summary, {"friction_work_J"});
+  return fmt::format("Friction takes {:.1f} % {} work in {} than in {}: {} → {}", 100 * std::abs(work.share),
+                     work.share < 0 ? "less" : "more", runs.label(other), runs.label(first), energy(a), energy(b));
 }
 
 /// "; joint3 +20.0 %, joint4 -7.1 % with a smaller change of power"; nothing where no other joint differs so much.
@@ -256,20 +296,47 @@ std::string other_joints(const Runs& runs, const std::vector<FrictionChange>& ch
 
 std::string sentence(const Runs& runs, const std::vector<FrictionChange>& changes, const FrictionChange* most) {
   if (!most) return "No joint moves in both runs, so that their friction cannot be compared.";
-  if (std::abs(most->share()) <= resolved_share)
+  const WorkChange work = work_change(runs);
+  const bool same_friction = std::abs(most->share()) <= resolved_share;
+  if (work_matters_more(work, *most))
+    return sentence_of_work(runs, work) +
+           (same_friction
+                ? fmt::format("; no joint's friction (RMS) differs by more than {:g} %.", 100 * resolved_share)
+                : fmt::format("; friction (RMS) of {} differs by {:+.1f} % in {}.", most->joint, 100 * most->share(),
+                              runs.label(*runs.all[most->run])));
+  if (same_friction)
     return fmt::format("No joint's friction (RMS) differs by more than {:g} % from that in {}{}.", 100 * resolved_share,
-                       runs.label(*runs.all.front()), changed_work(runs));
+                       runs.label(*runs.all.front()), changed_work(runs, work));
   return fmt::format("{} has {} friction in {} than in {}: {} → {} {} ({}){}.", most->joint,
                      most->share() > 0 ? "more" : "less", runs.label(*runs.all[most->run]),
                      runs.label(*runs.all.front()), digits(most->first, 4), digits(most->other, 4), most->unit,
                      change_text(most->first, most->other, most->unit), other_joints(runs, changes, *most));
 }
 
+/// "hinge in more (+9.4 %), friction work in much (+11.5 %) and 2 more": what makes a comparison amber, the largest
+/// first; empty where nothing does.
+std::string beyond_watched(const Runs& runs, const std::vector<FrictionChange>& changes) {
+  constexpr std::size_t shown_max = 3;
+  std::vector<std::pair<double, std::string>> all;
+  const auto add = [&](const std::string& what, std::size_t run, double share) {
+    if (std::abs(share) > watched_share)
+      all.emplace_back(std::abs(share),
+                       fmt::format("{} in {} ({:+.1f} %)", what, runs.label(*runs.all[run]), 100 * share));
+  };
+  for (const FrictionChange& c : changes) add(c.joint, c.run, c.share());
+  const WorkChange work = work_change(runs);
+  add("friction work", work.run, work.share);
+  std::ranges::stable_sort(all, std::greater{}, &std::pair<double, std::string>::first);
+  std::string text;
+  for (std::size_t i = 0; i < std::min(shown_max, all.size()); ++i) text += (i ? ", " : "") + all[i].second;
+  return all.size() > shown_max ? fmt::format("{} and {} more", text, all.size() - shown_max) : text;
+}
+
 /// "early", "early, older": whose summaries do not say whether the run is what its scenario asked for.
 std::string without_checks(const Runs& runs) {
   std::string all;
   for (const auto& run : runs.all)
-    if (!has_checks(*run)) all += (all.empty() ? "" : ", ") + runs.label(*run);
+    if (!has_checks(*run) && !run->unfinished()) all += (all.empty() ? "" : ", ") + runs.label(*run);
   return all;
 }
 
@@ -282,20 +349,28 @@ Opening opening_of(const Runs& runs, const ReportOptions& options) {
   Opening o{
       .verdict = sentence(runs, changes, most),
       .light = Light::green,
-      .rule = fmt::format("green up to {:g} % of a joint's friction (root mean square over the run), amber beyond; "
-                          "red when a run is not what its scenario asked for.",
+      .rule = fmt::format("green up to {:g} % of a joint's friction (root mean square over the run) and of friction "
+                          "work, amber beyond; red when a run is not what its scenario asked for.",
                           100 * watched_share),
       .tiles = tiles_of(runs, most),
       .action = keys.empty() ? "look at models and engines: the scenarios are the same."
                              : fmt::format("see whether what was changed explains it: {}.", list_of(keys)),
       .identity = identity_of_run(*runs.all.front(), options)};
-  if (std::ranges::any_of(changes, [](const auto& c) { return std::abs(c.share()) > watched_share; }))
+  if (const auto why = beyond_watched(runs, changes); !why.empty()) {
     o.light = Light::amber;
+    o.rule += fmt::format(" Amber, because of {}.", why);
+  }
   if (const auto unchecked = without_checks(runs); !unchecked.empty()) {
     o.light = Light::amber;
     o.rule += fmt::format(" Amber, because the health of {} is not known: no checks in its summary.", unchecked);
     o.action = fmt::format("run {} again with this version, which checks the run, before it is compared.", unchecked);
   }
+  for (const auto& run : runs.all)
+    if (run->unfinished()) {
+      o.light = Light::amber;
+      o.rule += fmt::format(" Amber, because {} has not finished.", runs.label(*run));
+      o.action = fmt::format("wait for the end of {}, or run it again, before it is compared.", runs.label(*run));
+    }
   for (const auto& run : runs.all)
     if (!run->damage.empty() || !warnings(*run).empty()) {
       o.light = Light::red;

@@ -24,7 +24,7 @@ class Section {
   Section(IllustratedPage& page, const Runs& runs, std::size_t index, std::vector<std::string>& notes,
           const std::function<void(double)>& progress)
       : page_(page),
-        to_(runs.many() ? page.add_details(page.body(), runs.label(*runs.all[index])) : page.body()),
+        to_(runs.closed() ? page.add_details(page.body(), runs.label(*runs.all[index])) : page.body()),
         runs_(runs),
         index_(index),
         run_(*runs.all[index]),
@@ -47,7 +47,7 @@ class Section {
 
  private:
   void head() {
-    if (runs_.all.size() > 1 && !runs_.many()) page_.add(to_, "h2", runs_.label(run_));
+    if (runs_.all.size() > 1 && !runs_.closed()) page_.add(to_, "h2", runs_.label(run_));
     if (!run_.settings.empty()) page_.add(to_, "p", run_.settings);
     if (runs_.all.size() > 1) {
       const Opening o = opening_of(run_, {});
@@ -81,7 +81,9 @@ class Section {
       page_.add(to_, "p", fmt::format("The poses could not be drawn: {}", why), "bad");
       return {};
     };
-    auto painter = PosePainter::create(run_.scenario->model, {1440, 960}, plain_quality);
+    // Of several runs smaller ones: their pages would need as many times the bytes.
+    const bool several = runs_.all.size() > 2;
+    auto painter = PosePainter::create(run_.scenario->model, several ? Size{720, 480} : Size{1440, 960}, plain_quality);
     if (!painter) return failed(painter.error().message);
     for (const bool end : {false, true}) {
       const PoseState state = moments.at(end ? moments.end_s() : moments.begin_s());
@@ -92,7 +94,7 @@ class Section {
       if (moments.end_s() == moments.begin_s()) break;
     }
     const auto states = moments.evenly(6);
-    painter->resize({480, 360});
+    painter->resize(several ? Size{320, 240} : Size{480, 360});
     const auto sheet = contact_sheet(*painter, states, look);
     if (!sheet) return failed(sheet.error().message);
     progress_(0.5);
@@ -173,7 +175,7 @@ class Section {
     std::vector<std::vector<std::string>> rows;
     for (const auto& j : joints_)
       rows.push_back({j.name, shown(j.start_degC, "{:.1f}"), shown(j.end_degC, "{:.1f}"), shown(j.max_degC, "{:.1f}"),
-                      friction(j, j.friction_rms_nm), friction(j, j.friction_max_nm), shown(j.load_max, "{:.3f}"),
+                      friction(j, j.friction_rms_nm), friction(j, j.friction_max_nm), load_text(j.load_max),
                       shown(100 * j.outside_share, "{:.3g}"), shown(100 * j.stuck_share, "{:.3g}")});
     page_.add_table(
         to_,

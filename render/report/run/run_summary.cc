@@ -61,6 +61,17 @@ std::string shown(double v, const char* format) {
 
 std::string shown(double v, int count) { return std::isfinite(v) ? digits(v, count) : "–"; }
 
+std::string load_text(double share) {
+  constexpr double usual_max = 10;
+  return share < usual_max ? shown(share, "{:.3f}") : shown(share, 4);
+}
+
+std::pair<const char*, double> energy_unit(double joule) {
+  for (const auto& [unit, size] : {std::pair{"MJ", 1e6}, {"kJ", 1e3}})
+    if (std::abs(joule) >= size) return {unit, size};
+  return {"J", 1};
+}
+
 namespace {
 
 /// Older summaries counted in the steps that were computed alone, of which multi-rate runs have few.

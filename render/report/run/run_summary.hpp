@@ -2,6 +2,7 @@
 
 #include <initializer_list>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <tribotwin/render/report/record/run_data.hpp>
@@ -18,6 +19,12 @@ const nlohmann::json& entries(const RunData& run, const char* key);
 std::string shown(double value, const char* format);
 /// With so many digits (theme.hpp), so that large values have no power of ten.
 std::string shown(double value, int digits);
+
+/// Of a joint's maximum torque: "0.763", "27761" of an overloaded one.
+std::string load_text(double share);
+
+/// "kJ" and how many J it is: the unit in which so much work has 1 to 4 digits.
+std::pair<const char*, double> energy_unit(double joule);
 
 /// A joint over a run; NaN where it is not known. Friction is the magnitude, arm side.
 struct JointSummary {

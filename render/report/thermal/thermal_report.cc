@@ -19,7 +19,8 @@ namespace {
 using namespace twin::identification;
 using Outcome = Result<void>;
 
-constexpr std::size_t trace_points = 800, files_shown = 3;
+constexpr std::size_t trace_points = 800, points_max = 80, files_shown = 3;
+constexpr std::size_t recorded_stroke = 5;  ///< grey
 // Errors, rms, that matter: shares of a joint's temperature range, and what changes friction by about 1 %.
 constexpr double good_share = 0.05, bad_share = 0.25, good_K = 1;
 // Of a day's temperatures within their band; they are warmer or colder together, so that single days have far fewer
@@ -87,6 +88,14 @@ bool set_limits(Axis& axis, const Trace& recorded, const Trace& predicted) {
   return true;
 }
 
+/// So many points that a line through them stays visible.
+void thin(Trace& points) {
+  const std::size_t n = points.values.size(), step = n / points_max + 1;
+  for (std::size_t i = 0, k = 0; i < n; i += step, ++k)
+    points.time_s[k] = points.time_s[i], points.values[k] = points.values[i];
+  points.time_s.resize((n + step - 1) / step), points.values.resize(points.time_s.size());
+}
+
 class Writer {
  public:
   Writer(const ThermalData& data, const ReportOptions& options)
@@ -131,11 +140,17 @@ class Writer {
 
   std::string verdict() const {
     return fmt::format(
-        "{} Temperatures are predicted from the first one of each recording within {} (root mean square; largest "
-        "error {}); {} is worst, {} of its range of {}, over {} of {}.{}",
-        identified_in_words(), kelvins(std::ranges::max(all_, {}, &Agreement::rms_K).rms_K),
-        kelvins(std::ranges::max(all_, {}, &Agreement::largest_K).largest_K), worst_.joint, percent(worst_.share()),
-        kelvins(worst_.range_K()), duration(worst_.recorded_s), recordings_in_words(), band_in_words());
+        "{} Temperatures of {} are predicted within {} (root mean square); {} is worst, {} of its range.",
+        identified_in_words(), recordings_in_words(), kelvins(std::ranges::max(all_, {}, &Agreement::rms_K).rms_K),
+        worst_.joint, percent(worst_.share()));
+  }
+
+  /// What the verdict is too short for.
+  std::string details() const {
+    return fmt::format(
+        "Predicted from the first temperature of each recording on; largest error {}. {} has a range of {} over {}.{}",
+        kelvins(std::ranges::max(all_, {}, &Agreement::largest_K).largest_K), worst_.joint, kelvins(worst_.range_K()),
+        duration(worst_.recorded_s), band_in_words());
   }
 
   std::string band_in_words() const {
@@ -150,7 +165,7 @@ class Writer {
   std::string recordings_in_words() const {
     if (data_.seen == data_.recordings.files.size()) return "the recordings that the models are from";
     return data_.seen == 0 ? "recordings that the models have not seen"
-                           : fmt::format("recordings, {} of which the models are from", data_.seen);
+                           : fmt::format("recordings, {} of which the models are from,", data_.seen);
   }
 
   std::string action() const {
@@ -197,6 +212,7 @@ class Writer {
                 .tiles = std::move(tiles),
                 .action = action(),
                 .identity = identity_of(options_, source_of("recording", data_.recordings.files))});
+    page_.add(to, "p", details(), "soft");
   }
 
   void agreements() {
@@ -279,10 +295,12 @@ class Writer {
           predicted =
               trace(k, file, "predicted", [&](auto s, auto i) { return data_.predicted[k][s].temperature_degC[i]; });
     recorded.mark = Mark::points;
+    thin(recorded);
     if (!data_.predicted[k].front().half_width_K.empty())
       predicted.half_width =
           trace(k, file, "", [&](auto s, auto i) { return data_.predicted[k][s].half_width_K[i]; }).values;
-    recorded.stroke = predicted.stroke = k;
+    predicted.stroke = k;
+    recorded.stroke = k % theme::strokes == recorded_stroke ? 0 : recorded_stroke;
     Axis axis{.quantity = "temperature", .symbol = "{/:Italic T}", .unit = "°C"};
     const bool clipped = set_limits(axis, recorded, predicted);
     const auto& name = all_[k].joint;

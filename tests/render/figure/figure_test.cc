@@ -315,6 +315,15 @@ TEST(Figure, StrokesDifferInGreyscale) {
     }
 }
 
+// The ninth line has the colour of the first, but other dashes; so has the 49th.
+TEST(Figure, StrokesDifferBeyondEight) {
+  for (std::size_t i = 0; i < 56; ++i)
+    for (std::size_t k = i + 1; k < 56; ++k) {
+      const auto a = theme::stroke(i), b = theme::stroke(k);
+      EXPECT_TRUE(a.colour != b.colour || a.dashes != b.dashes) << i << " " << k;
+    }
+}
+
 class LawFigures : public testing::Test {
  protected:
   std::shared_ptr<const mujoco::Model> model =

@@ -391,6 +391,8 @@ TEST(Theme, TextWithoutSurprises) {
   EXPECT_EQ(digits(-110, 2), "-110");
   EXPECT_EQ(digits(25.04, 3), "25");
   EXPECT_EQ(digits(0.000012345, 2), "0.000012");
+  EXPECT_EQ(digits(0.00001, 3), "0.00001");  // no trailing zeros
+  EXPECT_EQ(digits(-0.00005100, 4), "-0.000051");
   EXPECT_EQ(digits(0, 3), "0");
   EXPECT_EQ(digits(1.5e9, 2), "1.5e+09");
   EXPECT_FALSE(std::signbit(ticks(-2, 20, 5).front()));  // which would be written as "-0"

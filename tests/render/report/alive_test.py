@@ -144,6 +144,20 @@ for what, upwards in (
     found = tab.value(f"({SORTED})({json.dumps(upwards[::-1])})")
     check(f"{what} are sorted upwards", found == upwards, found)
 
+# Long numbers beside a colour bar leave room for its label; small ones have a typeset power of ten.
+with open(path("over.xml"), "w") as f:
+    f.write(PENDULUM.replace('"torque_max_nm" value="0.52"', '"torque_max_nm" value="2e-9"'))
+with open(path("over.yaml"), "w") as f:
+    f.write("model: over.xml\nduration_s: 5\nmotion: {type: cycle, speed_rad_s: 3, waypoints: ")
+    f.write("[{position_rad: -0.5}, {position_rad: 0.6}]}\n")
+r = run(twin, "run", "over.yaml", "-o", "over", "--quiet")
+check("an overloaded joint runs", r.returncode == 0, r.stderr)
+r = run(report, "over")
+check("report of an overload", r.returncode == 0, r.stderr)
+bars = re.findall(r"quot;from&quot;:[-\d.e]+,&quot;quantity&quot;:&quot;load&quot;", content("over/report.html"))
+check("its load has a colour bar", bars, content("over/report.html")[:500])
+browser.check_page("an overload", path("over/report.html"), 3, None, widths=(1440, 360))
+
 # A line of one sample is a point, drawn by gnuplot and by the script.
 with open(path("pendulum.xml"), "w") as f:
     f.write(PENDULUM)

@@ -73,11 +73,22 @@ MEASURE = """(() => {
     for (const word of cell.dataset.label.split(/[\\s-]+/))
       if (word.length < 16 && ruler.measureText(word).width > parseFloat(style.width) + 1) torn.push('head ' + word);
   }
+  // Numbers whose unit or percent sign begins the next line.
+  const parted = [], texts_of = document.createTreeWalker(document.querySelector('main'), NodeFilter.SHOW_TEXT);
+  for (let text; (text = texts_of.nextNode());) {
+    if (text.parentElement.closest('svg, pre')) continue;
+    for (const word of text.data.matchAll(/\\d (?:%|°C|K|Nm|W|k?J|MJ|s|min|h|mrad)(?![\\w/])/g)) {
+      const range = document.createRange();
+      range.setStart(text, word.index);
+      range.setEnd(text, word.index + word[0].length);
+      if (new Set([...range.getClientRects()].map(r => Math.round(r.top))).size > 1) parted.push(word[0]);
+    }
+  }
   const ids = [...document.querySelectorAll('[id]')].map(e => e.id), images = [...document.images];
   const first = document.querySelector('main > h1 ~ #verdict');
   // What is not in the page's language: another sign of numbers, units as programs spell them.
   const leaves = [...document.querySelectorAll('main *')].filter(e => !e.closest('pre') && !e.children.length);
-  const strange = /(^|[^\\w])degC\\b|−\\d|\\de[+-]\\d\\d|\\w\\^[23]\\b/;
+  const strange = /(^|[^\\w])degC\\b|−\\d|\\de[+-]\\d|\\w\\^[23]\\b|\\+-|joint joint|\\d \\.\\. ?\\d/;
   const foreign = leaves.map(e => e.textContent).filter(t => strange.test(t));
   return {width: innerWidth, images: images.length,
     broken: images.filter(i => !i.complete || !i.naturalWidth).length,
@@ -91,7 +102,8 @@ MEASURE = """(() => {
     scrolls: scrolls.map(named), verdict: first ? first.getBoundingClientRect().top + scrollY : null,
     contrast: worst, where, texts, cut, over, torn, foreign,
     opens: document.querySelector('main p:not(.identity)') === first, ids: ids.length - new Set(ids).size,
-    scripts: document.scripts.length, title: document.title, text: document.body.innerText};
+    scripts: document.scripts.length, title: document.title, parted,
+    text: document.body.innerText.replaceAll('\\u00a0', ' ')};
 })()"""
 
 
@@ -102,7 +114,7 @@ def drawn(name, widths):
 
 def opening(page):
     """What the page's source says in its first lines; the verdict comes before all but title and identity."""
-    main = page[page.index("<main>") :]
+    main = page[page.index("<main>") :].replace("\xa0", " ")
     text = lambda s: html.unescape(re.sub(r"<[^>]*>", "", s))
     verdict = re.search(r'<p class="verdict (\w+)" id="verdict">(.*?)</p>', main, re.S)
     if not verdict:
@@ -251,4 +263,5 @@ class Browser:
         )
         check(f"{name}: no label is cut off or over another", not m["cut"] and not m["over"], (m["cut"], m["over"]))
         check(f"{name}: no word of a table is torn", not m["torn"], m["torn"])
+        check(f"{name}: no number is parted from its unit", not m["parted"], m["parted"][:5])
         check(f"{name}: one script, ids unique", m["scripts"] == 1 and m["ids"] == 0, (m["scripts"], m["ids"]))

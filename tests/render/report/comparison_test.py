@@ -9,7 +9,8 @@ from browser import Browser, opening
 import harness
 from harness import check, content, finish, path, work
 from pendulum import PENDULUM
-from numbers_of_page import Numbers, change, duration, energy, number, text_of, version
+from numbers_of_page import Numbers, difference, duration, energy, energy_unit, in_print, number, of_motor_work
+from numbers_of_page import text_of, version
 from robot_checks import unpacked
 
 twin, report, source = sys.argv[1:4]
@@ -105,8 +106,8 @@ for label, points in curves.items():
     # A warm-up is smooth: no point is further from the middle of its neighbours than a part of the whole change.
     zigzag = np.abs(points[1:-1, 1] - (points[:-2, 1] + points[2:, 1]) / 2).max() / np.ptp(points[:, 1])
     check(f"{label}: friction does not zigzag", zigzag < 0.03, zigzag)
-difference = drawn(page, "Difference of friction")
-check("their difference is drawn beside", list(difference) == ["worn − healthy"], list(difference))
+beside = drawn(page, "Difference of friction")
+check("their difference is drawn beside", list(beside) == ["worn − healthy"], list(beside))
 
 same = run(report, "healthy", "healthy", "-o", "same.html")
 check("a run beside itself does not differ", "No joint's friction (RMS) differs by more than" in content("same.html"))
@@ -276,17 +277,16 @@ def take_run(n, folder):
     )
     n.take(
         folder + ": tiles",
-        f"{ends[0]:.3g} → {ends[1]:.3g} W\n{change(*ends, 'W')}",
+        f"{ends[0]:.3g} → {ends[1]:.3g} W\n{difference(*ends, 'W')}",
         f"{t['start']:.1f} → {t['end']:.1f} °C\n{t['end'] - t['start']:+.1f} K, at most {t['max']:.1f} °C",
-        f"{energy(s['friction_work_J'])}\n{100 * s['friction_work_J'] / s['motor_work_J']:.3g} % of "
-        f"{energy(s['motor_work_J'])} motor work",
+        f"{energy(s['friction_work_J'])}\n{of_motor_work(s['friction_work_J'], s['motor_work_J'])}\n",
         f"{100 * joint['load_norm']['max']:.0f} %\nof the maximum torque, joint2",
         f"{s['simulated_s'] / 3600:.3g} h\n{s['realtime_factor']:.0f} × real time",
     )
     take_joints(n, folder, s)
     take_health(n, folder, s)
     n.take(folder + ": the legend of health", "telemetry.h5")
-    n.take(folder + ": remarks", *(w.replace("degC", "°C") for w in s["warnings"]))
+    n.take(folder + ": remarks", *map(in_print, s["warnings"]))
     crossing = np.interp(38, warm, cycle_s)
     n.match(
         folder + ": where the law is clamped",
@@ -349,12 +349,19 @@ n.finish("warm-up")
 
 
 # ---- And so is every number of the comparison.
-def share_of(a, b, unit=""):
-    """As change(), for results: no ratio of temperatures, and no decimals from 1000 on."""
-    if abs(b - a) <= 1e-6 * max(abs(a), abs(b)):
-        return "none"
-    text = f"{b - a:+.3g}" if abs(b - a) < 1000 else f"{b - a:+.0f}"
-    return f"{text} K" if unit == "°C" else f"{text}{unit and ' ' + unit}, {100 * (b / a - 1):+.1f} %"
+def why_amber(runs):
+    """Of a comparison, of [name, {joint: RMS friction}, friction work] of each run; empty where it is not amber."""
+    (_, first_rms, first_J), *others = runs
+    shares = [(f"{joint} in {name}", v / first_rms[joint] - 1) for name, rms, _ in others for joint, v in rms.items()]
+    works = [("friction work in " + name, joule / first_J - 1) for name, _, joule in others]
+    shares.append(max(works, key=lambda w: abs(w[1])))
+    beyond = sorted((s for s in shares if abs(s[1]) > 0.05), key=lambda s: -abs(s[1]))
+    said = ", ".join(f"{what} ({100 * share:+.1f} %)" for what, share in beyond[:3])
+    return f" Amber, because of {said}{f' and {len(beyond) - 3} more' if len(beyond) > 3 else ''}." if beyond else ""
+
+
+RULE = "green up to 5 % of a joint's friction (root mean square over the run) and of friction work, amber beyond; "
+RULE += "red when a run is not what its scenario asked for."
 
 
 def pair(value):
@@ -365,6 +372,10 @@ def pair(value):
 def cycle_power_W(folder, joint):
     with h5py.File(path(folder + "/telemetry.h5")) as f:
         return np.mean(f[joint + "/cycle_friction_power_W"][:])
+
+
+def rms_of_moving(folder):
+    return {f"joint{j + 1}": summaries[folder]["joints"][j]["friction_nm"]["rms"] for j in (1, 2)}
 
 
 whole = content("both.html")
@@ -388,21 +399,21 @@ works = [pair(lambda s: s[key]) for key in ("friction_work_J", "motor_work_J")]
 said = "{:.4g} → {:.4g} Nm".format(*frictions)
 n.take(
     "verdict and rule of both",
-    f"joint2 has more friction in worn than in healthy: {said} ({share_of(*frictions, 'Nm')}).",
-    "green up to 5 % of a joint's friction",
+    f"joint2 has more friction in worn than in healthy: {said} ({difference(*frictions, 'Nm')}).",
+    RULE + why_amber([(f, rms_of_moving(f), summaries[f]["friction_work_J"]) for f in ("healthy", "worn")]),
     "Simulations have no noise: what is above 1 %",
 )
 n.take(
     "tiles of both",
-    f"{said}\n{share_of(*frictions, 'Nm')}\n",
+    f"{said}\n{difference(*frictions, 'Nm')}\n",
     f"{degrees[0]:.1f} → {degrees[1]:.1f} °C\n{degrees[1] - degrees[0]:+.1f} K\n",
-    *(f"{energy(a)} → {energy(b)}\n{share_of(a / 1e6, b / 1e6, 'MJ')}\n" for a, b in works),
+    *(f"{energy(a)} → {energy(b)}\n{difference(a / 1e6, b / 1e6, 'MJ')}\n" for a, b in works),
 )
 
 
 def row(name, digits, values, unit=""):
     head = f"{name} [{unit}]" if unit else name
-    n.take("row " + head, "\n".join([head, *(f"{v:{digits}}" for v in values), share_of(*values, unit)]) + "\n")
+    n.take("row " + head, "\n".join([head, *(f"{v:{digits}}" for v in values), difference(*values, unit)]) + "\n")
 
 
 row("simulated", ".1f", pair(lambda s: s["simulated_s"]), "s")
@@ -410,8 +421,10 @@ for j in (1, 2):
     row(f"joint{j + 1}: friction, RMS", ".4g", pair(lambda s: s["joints"][j]["friction_nm"]["rms"]), "Nm")
     row(f"joint{j + 1}: friction power", ".4g", [cycle_power_W(f, f"joint{j + 1}") for f in ("healthy", "worn")], "W")
     row(f"joint{j + 1}: maximum temperature", ".2f", pair(lambda s: s["joints"][j]["temperature_degC"]["max"]), "°C")
-row("friction work", ".5g", pair(lambda s: s["friction_work_J"] / 1e3), "kJ")
-row("motor work", ".5g", pair(lambda s: s["motor_work_J"] / 1e3), "kJ")
+for name in ("friction work", "motor work"):
+    joule = pair(lambda s: s[name.replace(" ", "_") + "_J"])
+    unit, size = energy_unit(max(map(abs, joule)))
+    row(name, ".5g", [J / size for J in joule], unit)
 row("maximum load", ".3f", pair(lambda s: max(j["load_norm"]["max"] for j in s["joints"])))
 n.finish("comparison")
 for folder, section in zip(("healthy", "worn"), sections):
@@ -453,15 +466,15 @@ def take_several(n, cases):
     n.take("title", f"pendulum: {len(cases)} runs compared")
     n.take(
         "verdict",
-        f"hinge has {more} friction in {most.folder} than in base: {said} ({share_of(first.rms, most.rms, 'Nm')}).",
-        "green up to 5 % of a joint's friction",
+        f"hinge has {more} friction in {most.folder} than in base: {said} ({difference(first.rms, most.rms, 'Nm')}).",
+        RULE + why_amber([(c.folder, {"hinge": c.rms}, c.works_J[0]) for c in cases]),
         "Simulations have no noise: what is above 1 %",
     )
     n.take(
         "tiles",
-        f"{said}\n{share_of(first.rms, most.rms, 'Nm')}\n",
+        f"{said}\n{difference(first.rms, most.rms, 'Nm')}\n",
         f"{first.max_degC:.1f} → {most.max_degC:.1f} °C\n{most.max_degC - first.max_degC:+.1f} K\n",
-        *(f"{energy(a)} → {energy(b)}\n{share_of(a, b, 'J')}\n" for a, b in zip(first.works_J, most.works_J)),
+        *(f"{energy(a)} → {energy(b)}\n{difference(a, b, 'J')}\n" for a, b in zip(first.works_J, most.works_J)),
     )
     values = list(zip(*(CASES[c.folder] for c in cases)))
     keys = [f"{key} ({' → '.join(map(str, all))})" for key, all in zip(KEYS, values)]
@@ -473,15 +486,35 @@ def take_several(n, cases):
     table("hinge: friction, RMS [Nm]", ".4g", lambda c: c.rms)
     table("hinge: friction power [W]", ".4g", lambda c: c.power_W)
     table("hinge: maximum temperature [°C]", ".2f", lambda c: c.max_degC)
-    table("friction work [kJ]", ".5g", lambda c: c.works_J[0] / 1e3)
-    table("motor work [kJ]", ".5g", lambda c: c.works_J[1] / 1e3)
+    units = [energy_unit(max(abs(c.works_J[k]) for c in cases)) for k in (0, 1)]
+    for k, what in enumerate(("friction work", "motor work")):
+        table(f"{what} [{units[k][0]}]", ".5g", lambda c: c.works_J[k] / units[k][1])
     table("maximum load", ".3f", lambda c: c.joint["load_norm"]["max"])
+    if len(cases) < 7:
+        take_differences(n, cases, units)
+
+
+def take_differences(n, cases, units):
+    """The table of what each run differs by from the first, without what differs in none. `units`: of both works."""
+    first, *others = cases
+
+    def row(what, unit, value):
+        cells = [difference(value(first), value(c), unit) for c in others]
+        if set(cells) != {"none"}:
+            n.take("differences: " + what, "\n".join([what, *cells]) + "\n")
+
+    row("hinge: friction, RMS", "Nm", lambda c: c.rms)
+    row("hinge: friction power", "W", lambda c: c.power_W)
+    row("hinge: maximum temperature", "°C", lambda c: c.max_degC)
+    for k, what in enumerate(("friction work", "motor work")):
+        row(what, units[k][0], lambda c: c.works_J[k] / units[k][1])
+    row("maximum load", "", lambda c: c.joint["load_norm"]["max"])
 
 
 def take_case(n, c):
     """What the section of a run says that does not warm up."""
     s, (friction_J, motor_J), t = c.summary, c.works_J, c.joint["temperature_degC"]
-    share = f"{100 * friction_J / motor_J:.3g} % of {energy(motor_J)} motor work"
+    share = of_motor_work(friction_J, motor_J)
     n.take(
         c.folder + ": head",
         f"No joint warms by more than 1 K; friction takes {energy(friction_J)}, {share}.",
@@ -519,6 +552,9 @@ def hold_several(count):
     check(f"{count} runs are compared", r.returncode == 0 and r.stderr == "", r.stderr)
     page = content(name)
     main = page[page.index("<main>") : page.index("</main>")].replace(name, "")
+    pages = browser.printed(path(name), path("several.pdf"))
+    check(f"{count} runs are printed on at most six pages", 1 <= pages <= 6, pages)
+    check(f"{count} runs: the page's size", os.path.getsize(path(name)) < 2e6, os.path.getsize(path(name)))
     folders = "|".join(c.folder for c in cases)
     compared, *sections = re.split(rf"(?=<h2>(?:{folders})</h2>|<details><summary>(?:{folders})</summary>)", main)
     check(f"{count} runs: a section of each", len(sections) == count, len(sections))

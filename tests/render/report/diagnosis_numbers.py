@@ -161,7 +161,9 @@ def sentence(h, i, o, several):
     said = f"{i}. {o['file']}{of_file}, {o['temperature_degC']:.1f} °C: {' and '.join(far)} "
     said += "as far from healthy as a healthy curve may be. "
     if o["perhaps_healthy"]:
-        said += f"Chance is likelier than any known cause (probability {percent(o['confidence'])})."
+        said += (
+            f"Of this curve alone, chance is likelier than any known cause (probability {percent(o['confidence'])})."
+        )
     else:
         said += f"It looks like {MEANINGS[o['pattern']]}, {much(o)} (confidence {percent(o['confidence'])})."
     if o["region1"]["anomalous"] and o["equivalent_load"] > 2 * o["equivalent_load_sigma"]:
@@ -226,8 +228,10 @@ def hold(page, check, command, healthy, seen, watched, levels, dates, days):
     n.take("sentences", *(sentence(h, i + 1, o, shared(o)) for i, o in enumerate(seen) if o["anomalous"]))
     cause_of_latest = f"{MEANINGS[last['pattern']]}, {much(last)} (confidence {percent(last['confidence'])})."
     n.take("the cause", f"; the latest looks like {cause_of_latest}", f"It looks like {cause_of_latest}")
-    are_not = "is not that" if len(bad) == 1 else "are not those"
-    n.take("verdict", f"{len(bad)} of {len(seen)} curves {are_not} of a healthy joint")
+    sure = sum(not o["perhaps_healthy"] for o in bad)
+    are_not = "is not that" if sure == 1 else "are not those"
+    n.take("verdict", f"{sure} of {len(seen)} curves {are_not} of a healthy joint")
+    n.take("rule", "too many beyond a limit for chance (1 %)")
     nm = f" ({last['equivalent_load'] * h.torque_max_nm:.2g} Nm)" if h.torque_max_nm else ""
     tile = f"{100 * last['equivalent_load']:.1f} ± {100 * last['equivalent_load_sigma']:.1f} %\n"
     n.take("equivalent load", tile + f"of the maximum torque{nm}, one sigma: ")

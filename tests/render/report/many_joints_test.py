@@ -1,5 +1,5 @@
 """The page of a robot of thirty joints, in a real browser. Arguments: tribotwin, tribotwin-report."""
-import json, re, sys
+import html, json, re, sys
 
 from browser import Browser, opening
 from harness import check, content, finish, path, run, work
@@ -27,6 +27,9 @@ r = run(report, "thirty", "--quiet")
 check("their page is made", r.returncode == 0 and r.stderr == "", (r.stdout, r.stderr))
 browser.check_page("thirty joints", path("thirty/report.html"), 3, None, widths=(1440, 360))
 read = text_of(content("thirty/report.html"))
+data = [json.loads(html.unescape(d)) for d in re.findall(r'data-figure="([^"]*)"', content("thirty/report.html"))]
+looks = [(s["stroke"], s["dash"]) for d in data if d["title"] == "Temperature" for s in d["series"] if s["label"]]
+check("no two joints have the same colour and dashes", len(looks) == len(set(looks)) == 30, looks)
 rows = [joint for joint in joints if re.search(rf"^{joint}\n(?:[\d.·⁻⁰¹²³⁴-⁹–]+\n){{8}}", read, re.M)]
 check("each joint has its row", rows == joints, set(joints) - set(rows))
 pages = browser.printed(path("thirty/report.html"), path("thirty.pdf"))

@@ -4,11 +4,11 @@ import datetime, functools, html, math, os, re, subprocess, sys
 
 
 def text_of(page):
-    """What is read outside figures, each cell and paragraph on a line of its own."""
+    """What is read outside figures, each cell and paragraph on a line of its own, with plain spaces."""
     main = page[page.index("<main>") : page.index("</main>")]
     main = re.sub(r"<svg.*?</svg>", "", main, flags=re.S)
     main = re.sub(r"</(p|div|tr|h\d|figcaption|pre|td|th|summary)>", "\n", main)
-    return html.unescape(re.sub("<[^>]*>", "", main))
+    return html.unescape(re.sub("<[^>]*>", "", main)).replace("\xa0", " ")
 
 
 def number(text):
@@ -21,6 +21,14 @@ def typeset(text):
     """As the page writes a number that Python writes so: 1.3e-04"""
     mantissa, _, power = text.partition("e")
     return mantissa + ("·10" + str(int(power)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")) if power else "")
+
+
+def in_print(text):
+    """Text of programs as pages write it: °C, powers of ten, ranges, deviations."""
+    text = re.sub(r"(^|\W)degC\b", r"\1°C", text).replace("joint joint", "joint")
+    powers = r"(?<![\w.])\d[\d.]*e[-+]\d\d\d?(?=$|[ ,;)…\n]|\. |\.$)"
+    text = re.sub(powers, lambda m: typeset(m[0]), text)
+    return re.sub(r"\+- ?(?=\d)", "± ", re.sub(r"(\d[%)]?) ?\.\. ?(?=[-+]?\d)", r"\1 – ", text))
 
 
 class Numbers:
@@ -53,15 +61,30 @@ def duration(seconds):
     return f"{h} h {m:02} min {s:02} s" if h else f"{m} min {s:02} s"
 
 
-def change(a, b, unit):
-    if abs(b - a) <= 1e-6 * max(abs(a), abs(b)):
+def difference(a, b, unit="", scatter=None):
+    """How b differs from a, by the one rule of all pages: three digits, and a ratio where it has a meaning."""
+    if not abs(b - a) > 1e-6 * max(abs(a), abs(b)):
         return "none"
-    return f"{b - a:+.3g} {unit}, {100 * (b / a - 1):+.1f} %"
+    text = ("+" if b > a else "") + typeset(digits(b - a, 3))
+    if scatter is not None:
+        text += f" ± {typeset(digits(scatter, 2))}"
+    text += {"": "", "°C": " K"}.get(unit, " " + unit)
+    return text if unit == "°C" or a <= 0 or b < 0 else f"{text}, {100 * (b / a - 1):+.1f} %"
+
+
+def energy_unit(joule):
+    """In which so much work is written, and how many J it is."""
+    return next(((u, s) for u, s in (("MJ", 1e6), ("kJ", 1e3)) if abs(joule) >= s), ("J", 1))
 
 
 def energy(joule):
-    unit, size = next(((u, s) for u, s in (("MJ", 1e6), ("kJ", 1e3)) if abs(joule) >= s), ("J", 1))
-    return f"{joule / size:.3g} {unit}"
+    unit, size = energy_unit(joule)
+    return f"{digits(joule / size, 3)} {unit}"
+
+
+def of_motor_work(friction_J, motor_J):
+    share = f"{digits(100 * friction_J / motor_J, 3)} % of {energy(motor_J)} motor work"
+    return share + (", as gravity or stored energy drives, too" if friction_J > 1.005 * motor_J else "")
 
 
 def percent(share):
@@ -78,7 +101,8 @@ def digits(value, count):
     text = f"{value:.{count}g}"
     if "e" not in text or not 1e-6 <= abs(value) < 1e7:
         return text
-    return f"{value:.{max(0, count - 1 - math.floor(math.log10(abs(value))))}f}"
+    text = f"{value:.{max(0, count - 1 - math.floor(math.log10(abs(value))))}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def day_of(*files):

@@ -8,6 +8,7 @@ import numpy as np
 from browser import Browser, opening
 import harness
 from harness import check, check_refused, content, finish, path, work
+from numbers_of_page import in_print
 
 twin, report, source = sys.argv[1:4]
 
@@ -22,7 +23,8 @@ def refused(name, code, *arguments, says=(), **options):
     check_refused(name, run(report, *arguments, **options), says, code, lines=None)
 
 
-check_page = Browser(work, check).check_page
+browser = Browser(work, check)
+check_page = browser.check_page
 
 # The warm-up, cut to 20 minutes.
 r = run(twin, "run", "irb6620_warmup", "-o", "warmup", "--set", "duration_s=1200", "--quiet")
@@ -38,7 +40,7 @@ check(
 page = content("warmup/report.html")
 m = check_page("report", path("warmup/report.html"), 3, 9)
 summary = json.loads(content("warmup/summary.json"))
-warnings = [w.replace("degC", "°C") for w in summary["warnings"]]
+warnings = [in_print(w) for w in summary["warnings"]]
 hot = max(summary["joints"], key=lambda j: j["temperature_degC"]["max"])
 if m:
     for what in (
@@ -98,11 +100,8 @@ if m:
         opening(content("bad/report.html"))["verdict"].startswith("The run is not what its scenario asked for: ")
         and all(f in opening(content("bad/report.html"))["verdict"] for f in fired)
         and opening(content("bad/report.html"))["light"] == "Red"
-        and all(f'{w["cause"]}' in m["text"] for w in bad["health"] if w["verdict"] == "warning")
         and all(
-            m["text"].index(w["cause"]) < m["text"].index("Over time")
-            for w in bad["health"]
-            if w["verdict"] == "warning"
+            in_print(w["cause"]) in m["text"].split("Over time")[0] for w in bad["health"] if w["verdict"] == "warning"
         ),
         m["text"][:3000],
     )
@@ -247,6 +246,8 @@ if m:
         row = f"{of['folder']}\t{e['temperature_degC']:.1f}\t{e['compensation']}"
         row += f"\t{e['l1_mrad']:.4f}\t{e['standstill_pp_mrad']:.4f}"
         check("varied: the table has " + row.replace("\t", " "), row in m["text"], m["text"][:3000])
+pages = browser.printed(path("tracking/report.html"), path("tracking.pdf"))
+check("varied: printed on at most six pages, without the closed sections", 1 <= pages <= 6, pages)
 page = content("tracking/report.html")
 cold = drawn(page, "Tracking error from 20.0 °C")
 check(
@@ -598,6 +599,15 @@ partial("growing", says=["This run has not finished"])
 process.send_signal(signal.SIGKILL)
 process.wait()
 partial("growing", says=["This run has not finished"])
+said, day = opening(content("growing.html")), time.strftime("%Y-%m-%d", time.gmtime())
+check(
+    "a killed run: the first sentence says so, the rule what that means, and when it wrote last",
+    said["verdict"].startswith("This run has not finished; so far: ")
+    and said["light"] == "Amber"
+    and "ended early" in said["rule"]
+    and f"last written {day}" in said["identity"],
+    said,
+)
 
 # A record that its model does not fit.
 shutil.copytree(path("warmup"), path("other_model"))

@@ -175,12 +175,11 @@ def take_verdict(n, joints, worst, known, of):
     least = percent(fewest.inside)
     n.take(
         "verdict",
-        f"{identified} Temperatures are predicted from the first one of each recording within "
-        f"{kelvins(max(j.rms for j in joints))} (root mean square; largest error "
-        f"{kelvins(max(j.largest for j in joints))}); {worst.name} is worst, {percent(worst.share)} of its range of "
-        f"{kelvins(worst.range)}, over {hours(worst.recorded_s)} of {of}. Of its temperatures {own} lie within their "
-        f"95 % band, at most ±{kelvins(worst.half)}"
-        + ("" if least == own else f"; of those of {fewest.name}, the fewest, {least}"),
+        f"{identified} Temperatures of {of} are predicted within {kelvins(max(j.rms for j in joints))} (root mean "
+        f"square); {worst.name} is worst, {percent(worst.share)} of its range.",
+        f"largest error {kelvins(max(j.largest for j in joints))}. {worst.name} has a range of {kelvins(worst.range)} "
+        f"over {hours(worst.recorded_s)}. Of its temperatures {own} lie within their 95 % band, at most "
+        f"±{kelvins(worst.half)}" + ("" if least == own else f"; of those of {fewest.name}, the fewest, {least}"),
     )
 
 
@@ -252,7 +251,7 @@ def hold(page, check, program, command, parameters, files):
     count, lacking = len(parameters_shown), sum(not known for *_, known in parameters_shown)
     light = "amber" if lacking and worst.light() == "green" else worst.light()
     check("thermal: the light is that of the worst joint", f"\n{light.capitalize()}: red when" in n.text, light)
-    of = f"recordings, {sum(seen)} of which the models are from"
+    of = f"recordings, {sum(seen)} of which the models are from,"
     if all(seen) or not any(seen):
         of = "the recordings that the models are from" if all(seen) else "recordings that the models have not seen"
     n.take("the file", text)
