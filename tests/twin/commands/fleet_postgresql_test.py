@@ -139,9 +139,14 @@ for name, sql in (("newer", "version BIGINT); INSERT INTO tribotwin_fleet VALUES
     check_refused("a version of something else", r, ["tribotwin_fleet", "version", "nothing was changed"])
     check("it stays", server.dump(name + "_marked") == before)
 url = server.make("changed")
-run("learn", "healthy.csv", "-o", url, "--quiet"), run("check", "week.csv", "-o", url, "--quiet", code=3)
+run("learn", "healthy.csv", "-o", url, "--quiet")
+run("check", "week.csv", "-o", url, "--quiet", code=3)
 for name, sql, says in (
-    ("a constraint of somebody else's", "ALTER TABLE checks ADD CHECK(judged < 0) NOT VALID", "violates check constraint"),
+    (
+        "a constraint of somebody else's",
+        "ALTER TABLE checks ADD CHECK(judged < 0) NOT VALID",
+        "violates check constraint",
+    ),
     ("a column less", "ALTER TABLE observations DROP COLUMN weak", "does not exist"),
 ):
     server.query(sql, "changed")
