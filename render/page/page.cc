@@ -149,7 +149,7 @@ svg.live .chosen { fill: SOFT; fill-opacity: .2; }
 .robot .marks { position: relative; height: 1.4em; font-size: .82rem; }
 .robot .marks span { position: absolute; left: calc(1.2rem + (100% - 2.4rem) * var(--at));
   transform: translateX(-50%); }
-.sliders output { min-width: 8ch; text-align: right; font-variant-numeric: tabular-nums; }
+.sliders output { min-width: 8ch; white-space: nowrap; text-align: right; font-variant-numeric: tabular-nums; }
 .head strong { min-width: 0; overflow-wrap: anywhere; }
 .tools { white-space: nowrap; }
 .live button { font: inherit; font-size: .82rem; color: INK; background: none; border: 1px solid LINE;

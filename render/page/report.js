@@ -31,6 +31,8 @@ function drawn(tag, attributes = {}, text = '') {
 const raised = (power) => [...power].map((c) => (c === '-' ? '⁻' : '⁰¹²³⁴⁵⁶⁷⁸⁹'[c])).join('');
 /// A number as pages write it: 2.5·10⁻⁷.
 const written = (value) => plain(value).replace(/e\+?(-?\d+)$/, (_, power) => `·10${raised(power)}`);
+/// Without an end of a line between a number and its unit.
+const unbroken = (label) => label.replace(/(\d) (?=[°%±]|[KNWs]\b)|± /g, (space, digit) => (digit ?? '±') + '\u00a0');
 const shown = (value) => written(Number(value.toPrecision(digits)));
 const unitOf = ({ unit }) => (unit && unit !== '-' ? ' ' + unit : '');
 
@@ -74,7 +76,7 @@ class Chart {
     this.tip = node('div', { class: 'tip', role: 'status' });
     this.tip.hidden = true;
     this.area = node('div', { class: 'live area' }, this.svg, this.tip);
-    const head = node('div', { class: 'live head' }, node('strong', {}, data.title), this.tools());
+    const head = node('div', { class: 'live head' }, node('strong', {}, unbroken(data.title)), this.tools());
     figure.prepend(head, this.key(), this.area);
     figure.classList.add('alive');
     this.svg.addEventListener('pointermove', (event) => this.hover(event));
@@ -110,7 +112,8 @@ class Chart {
     this.keys = new Map();
     this.data.series.forEach((series, i) => {
       if (!series.label) return;
-      const button = node('button', { type: 'button', 'aria-pressed': 'true' }, this.sample(series), series.label);
+      const name = unbroken(series.label);
+      const button = node('button', { type: 'button', 'aria-pressed': 'true' }, this.sample(series), name);
       button.onclick = () => {
         // All bands at once: one entry of the key stands for them. A curve takes the points of its stroke along.
         const alike = (other, k) => k === i || (series.mark === 'band' && other.mark === 'band') ||
@@ -130,7 +133,7 @@ class Chart {
   change(curves) {
     for (const [i, y, label] of curves) {
       Object.assign(this.data.series[i], { y, label });
-      this.keys.get(i).lastChild.data = label;
+      this.keys.get(i).lastChild.data = unbroken(label);
     }
     this.draw();
   }

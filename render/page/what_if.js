@@ -42,9 +42,9 @@ class WarmUp {
       const { name, recorded, low, high } = more.joints[i];
       kernel.warm_up_begin(ambient, standing);
       const y = more.cycles.map((cycles) => kernel.warm_up_work(cycles));
-      ends.push(`${name} ${y.at(-1).toFixed(1)} °C (${recorded.toFixed(1)} °C)`);
-      if (y.some((at) => at < (low ?? -Infinity))) outside.push(`${name} below ${low} °C`);
-      if (y.some((at) => at > (high ?? Infinity))) outside.push(`${name} above ${high} °C`);
+      ends.push(`${name} ${y.at(-1).toFixed(1)}\u00a0°C (${recorded.toFixed(1)}\u00a0°C)`);
+      if (y.some((at) => at < (low ?? -Infinity))) outside.push(`${name} below ${low}\u00a0°C`);
+      if (y.some((at) => at > (high ?? Infinity))) outside.push(`${name} above ${high}\u00a0°C`);
       return [i, y, name];
     });
     chart.change(curves);

@@ -194,7 +194,7 @@ class Writer {
         if (rows.size() == listed_rows) break;
         const auto& f = l.finding;
         rows.push_back({fmt::format("{}", rows.size() + 1), l.joint.robot, l.joint.joint,
-                        fmt::format("{:+.1f}\u00a0%", 100 * f.friction_change), std::string(f.pattern), severity_of(f),
+                        fmt::format("{:+.1f} %", 100 * f.friction_change), std::string(f.pattern), severity_of(f),
                         fmt::format("{:.3f} ({:.3f} … {:.3f})", f.margin, f.margin_low, f.margin_high), q_text(l.q),
                         l.since_s ? twin::date_of(*l.since_s) : "–",
                         by_check && by_watch ? "both"

@@ -228,11 +228,11 @@ WorkChange work_change(const Runs& runs) {
   return most;
 }
 
-/// Whether friction work says far more than root mean squares: these are ruled by when friction is large, work by how
-/// long the joint moves.
+/// Whether root mean squares would mislead: they hardly differ, or the other way than the work does. They are ruled by
+/// how large friction is, work by how far the joint moves as well.
 bool work_matters_more(const WorkChange& work, const FrictionChange& most) {
-  constexpr double far_more = 2;
-  return std::abs(work.share) > watched_share && std::abs(work.share) > far_more * std::abs(most.share());
+  const bool otherwise = (work.share < 0) != (most.share() < 0);
+  return std::abs(work.share) > watched_share && (std::abs(most.share()) <= watched_share || otherwise);
 }
 
 std::vector<Tile> tiles_of(const Runs& runs, const FrictionChange* most) {

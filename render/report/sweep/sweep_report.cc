@@ -229,7 +229,7 @@ class Writer {
     std::vector<std::string> header{"output"};
     if (!all_have_all()) header.emplace_back("runs");
     header.insert(header.end(), {"mean", "95 %", "deviation"});
-    for (const double p : probabilities()) header.push_back(p == 0.5 ? "median" : fmt::format("{:g}\u00a0%", 100 * p));
+    for (const double p : probabilities()) header.push_back(p == 0.5 ? "median" : fmt::format("{:g} %", 100 * p));
     header.emplace_back("range");
     std::vector<std::vector<std::string>> rows;
     for (std::size_t o = 0; o < sweep_.outputs.size(); ++o) rows.push_back(row_of(o));

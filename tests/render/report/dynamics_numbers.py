@@ -75,7 +75,7 @@ def take_notes(n, j, half, bad):
     if j.inside < 0.9:
         n.take(
             "few in the band",
-            f"only {100 * j.inside:.0f} % of the recorded torques are within the 95 % band of +-{half:.3g} Nm",
+            f"only {100 * j.inside:.0f} % of the recorded torques are within the 95 % band of ± {half:.3g} Nm",
         )
 
 

@@ -121,7 +121,7 @@ def take_head(n, p, all_found):
 
 def take_row(n, rank, found):
     margin = "{value:.3f} ({low:.3f} … {high:.3f})".format(**found["margin"])
-    row = [str(rank), found["robot"], found["joint"], f"{100 * found['friction_change']:+.1f}\xa0%", found["pattern"]]
+    row = [str(rank), found["robot"], found["joint"], f"{100 * found['friction_change']:+.1f} %", found["pattern"]]
     row += [f"{100 * found['severity']:.0f} %", margin, q_text(found["q"]), found["since"], "both", found["advice"]]
     n.take("row", "\n".join(row) + "\n")
 

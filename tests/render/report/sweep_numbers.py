@@ -111,7 +111,7 @@ def take_head(n, sweep):
 
 def take_outputs(n, sweep):
     shares = ("2.5", "25", "50", "75", "97.5")
-    header = [("median" if p == "50" else p + "\xa0%") for p in shares]
+    header = [("median" if p == "50" else p + " %") for p in shares]
     n.take("columns", "\n".join(["\nmean", "95 %", "deviation", *header, "range\n"]))
     for key, o in sweep.outputs.items():
         fine = lambda x: shown(x, o.half)
@@ -221,7 +221,7 @@ def take_grid_head(n, grid):
 
 def take_grid_outputs(n, grid):
     shares = ("2.5", "25", "50", "75", "97.5")
-    header = [("median" if p == "50" else p + "\xa0%") for p in shares]
+    header = [("median" if p == "50" else p + " %") for p in shares]
     n.take("columns", "\n".join(["\nmean", "95 %", "deviation", *header, "range\n"]))
     for o in grid.outputs.values():
         fine = lambda x: shown(x, o.span / 20)

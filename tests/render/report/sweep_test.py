@@ -7,7 +7,7 @@ import fleet_numbers
 import harness
 from fleet_plant import HEADER, Plant
 from harness import check, check_refused, content, finish, path, work
-from numbers_of_page import day_of, text_of
+from numbers_of_page import day_of, in_print, text_of
 from pendulum import PENDULUM
 import sweep_numbers
 
@@ -255,7 +255,7 @@ check(
     "failed runs: how many, why, and the first one again",
     m
     and f"{len(failed)} runs failed." in verdict("runs/wide/report.html")
-    and failed[0]["message"].split(": ", 1)[1] in m["text"]
+    and in_print(failed[0]["message"].split(": ", 1)[1]) in m["text"]
     and f"{len(failed)} of 40\t" in m["text"]
     and f"--run {failed[0]['run']} " in m["text"],
     (len(failed), m and m["text"][-3000:]),

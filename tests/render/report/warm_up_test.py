@@ -112,7 +112,7 @@ for folder, changes in CHANGES.items():
 # ---- Sliders move the curves of all joints, and the sentence below.
 SHOWN = """(() => { const f = document.querySelector('figure[data-kernel]');
   const paths = [...f.querySelectorAll('svg.live:not(.sample) .series path')].map(p => p.getAttribute('d'));
-  return {lines: paths.filter(d => d), said: f.querySelector('p[role=status]').innerText,
+  return {lines: paths.filter(d => d), said: f.querySelector('p[role=status]').innerText.replaceAll('\\u00a0', ' '),
     names: [...f.querySelectorAll('.sliders label span')].map(s => s.textContent),
     values: [...f.querySelectorAll('.sliders output')].map(o => o.textContent)}; })()"""
 check("sliders appear", tab.until("document.querySelectorAll('[data-kernel] .sliders input').length == 2"))

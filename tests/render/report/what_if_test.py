@@ -86,7 +86,7 @@ browser.open(path("extended.html"))
 check("sliders appear", tab.until("document.querySelectorAll('.sliders input').length == 2"))
 SHOWN = """(() => { const f = document.querySelector('figure[data-kernel]');
   return {lines: [...f.querySelectorAll('svg.live:not(.sample) .series path')].map(p => p.getAttribute('d')),
-    keys: [...f.querySelectorAll('.key button')].map(b => b.textContent),
+    keys: [...f.querySelectorAll('.key button')].map(b => b.textContent.replaceAll('\\u00a0', ' ')),
     values: [...f.querySelectorAll('.sliders output')].map(o => o.textContent),
     inputs: [...f.querySelectorAll('.sliders input')].map(i => Number(i.value))}; })()"""
 HOVER = """(share) => { const svg = document.querySelector('figure[data-kernel] svg.live:not(.sample)');

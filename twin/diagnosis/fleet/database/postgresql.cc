@@ -33,9 +33,10 @@ std::string of_postgresql(std::string schema) {
   return replaced(std::move(schema), " WITHOUT ROWID", "");
 }
 
-/// The message of the server or of libpq on one line.
+/// The message of the server or of libpq on one line, without the statement that it quotes.
 std::string why(const std::string& url, const std::exception& e) {
   std::string text = e.what();
+  if (const auto quoted = text.find("\nLINE "); quoted != text.npos) text.erase(quoted);
   while (!text.empty() && (text.back() == '\n' || text.back() == ' ')) text.pop_back();
   return fmt::format("{}: {}", without_password(url), replaced(replaced(std::move(text), "\n\t", " "), "\n", "; "));
 }
