@@ -50,6 +50,29 @@ TEST(Configuration, SurvivesTheRoundTrip) {
   EXPECT_EQ(again->law.parameters, drive->law.parameters);
 }
 
+TEST(Configuration, KeysThatADriveMayLackComeBackAsGiven) {
+  const Configuration given{{"asymmetry", "0.125"},
+                            {"offset_nm", "2.5"},
+                            {"control", "position"},
+                            {"kp", "30"},
+                            {"kv", "2"},
+                            {"brake_torque_nm", "9"},
+                            {"load_filter_s", "0.5"},
+                            {"validity", "error"},
+                            {"speed_max_rad_s", "300"},
+                            {"load_max", "0.75"},
+                            {"temperature_min_degC", "10"},
+                            {"temperature_max_degC", "90"},
+                            {"T_amb", "21"}};
+  Configuration c = extended();
+  c.insert(c.end(), given.begin(), given.end());
+  const auto drive = make_drive("j2", c);
+  ASSERT_TRUE(drive) << drive.error().message;
+  EXPECT_THAT(configuration_of(*drive), testing::IsSupersetOf(given));
+  for (const char* key : {"asymmetry", "offset_nm", "control", "kp"})
+    for (const auto& [name, value] : configuration_of(*make_drive("j2", extended()))) EXPECT_NE(name, key);
+}
+
 TEST(Configuration, MistakesAreNamedWithTheRemedy) {
   const auto error = [](const char* key, const char* value) { return error_with(extended(), key, value); };
   EXPECT_THAT(error("Fc00", "1"), HasSubstr("did you mean 'Fc0'"));

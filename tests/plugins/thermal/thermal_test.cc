@@ -1,5 +1,7 @@
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -91,6 +93,39 @@ TEST(Thermal, TimeToReachARiseIsThatOfTheSteps) {
       EXPECT_EQ(found, expected) << total_K;
     else
       EXPECT_NEAR(found, expected, 0.01) << total_K;
+  }
+}
+
+TEST(Thermal, TheTopOfARiseThatTurnsIsReached) {
+  const Model model = make_model(Order::second, 20, std::vector{1e-3, 2e-5, 100.0, 2000.0});
+  const Decay d = decay(model, 0.01);
+  const Rise before{{0, 9}};
+  Rise rise = before;
+  double top_K = 0;
+  for (int k = 0; k < 100'000; ++k) step(model, d, 100, 0, rise), top_K = std::max(top_K, rise.total_K());
+  EXPECT_NEAR(time_to_reach_s(model, before, 100, 0, top_K - 1e-9), time_by_steps_s(model, before, 100, top_K - 1e-9),
+              0.01);
+}
+
+TEST(Thermal, ValuesAreThoseOfWhichAModelIsMade) {
+  for (const std::vector<double>& given : {std::vector{0.15, 10944.0}, {1e-4, 2e-5, 146.8, 2126.5}}) {
+    const Model model = make_model(given.size() == 2 ? Order::first : Order::second, 25, given);
+    const auto made = values(model);
+    ASSERT_EQ(made.size(), given.size());
+    for (std::size_t i = 0; i < given.size(); ++i) EXPECT_DOUBLE_EQ(made[i], given[i]) << i;
+  }
+  EXPECT_TRUE(values(make_model(Order::prescribed, 25, {})).empty());
+  EXPECT_EQ(model_names(), "prescribed, first_order or second_order");
+}
+
+TEST(Thermal, FastestAndSlowestAreOfTheNodesInUse) {
+  const Model first = make_model(Order::first, 25, std::vector{0.15, 100.0});
+  EXPECT_EQ(first.fastest_s(), 100);
+  EXPECT_EQ(first.slowest_s(), 100);
+  for (const auto& [one_s, other_s] : {std::pair(100.0, 2000.0), {2000.0, 100.0}}) {
+    const Model second = make_model(Order::second, 25, std::vector{1e-4, 2e-5, one_s, other_s});
+    EXPECT_EQ(second.fastest_s(), 100);
+    EXPECT_EQ(second.slowest_s(), 2000);
   }
 }
 
