@@ -228,11 +228,14 @@ WorkChange work_change(const Runs& runs) {
   return most;
 }
 
-/// Whether root mean squares would mislead: they hardly differ, or the other way than the work does. They are ruled by
-/// how large friction is, work by how far the joint moves as well.
+/// Whether root mean squares would mislead: they hardly differ where work does, or the other way. They are ruled by how
+/// large friction is, work by how far the joint moves as well.
 bool work_matters_more(const WorkChange& work, const FrictionChange& most) {
+  constexpr double far_more = 2;
   const bool otherwise = (work.share < 0) != (most.share() < 0);
-  return std::abs(work.share) > watched_share && (std::abs(most.share()) <= watched_share || otherwise);
+  const bool hardly =
+      std::abs(most.share()) <= watched_share && std::abs(work.share) > far_more * std::abs(most.share());
+  return std::abs(work.share) > watched_share && (hardly || otherwise);
 }
 
 std::vector<Tile> tiles_of(const Runs& runs, const FrictionChange* most) {
