@@ -363,6 +363,7 @@ Preparation preparation_of(const Arguments& a, const Robot& robot, const Dynamic
   p.reversals = file.signals.reversals;
   p.turn_lead_s = file.signals.turn_lead_s;
   p.lag_s = lag_of(a, robot, file);
+  p.still_joints = true;  // their friction is not predicted
   return p;
 }
 

@@ -18,8 +18,9 @@ namespace {
 
 using Eigen::Index, Eigen::VectorXd;
 
-/// Cut-offs as shares of the widest, widest first.
-constexpr double narrower[] = {0.7, 0.5, 0.35, 0.25};
+/// Cut-offs as shares of the widest, widest first; those behind the first four where the fourth predicts best.
+constexpr double narrower[] = {0.7, 0.5, 0.35, 0.25, 0.18, 0.125, 0.1};
+constexpr std::size_t first_offered = 4;
 /// Settings that better the error by less are not worth their complexity.
 constexpr double least_gain = 0.003;
 /// ... or by fewer standard errors, as many settings are compared.
@@ -51,8 +52,9 @@ class Chooser {
  public:
   Chooser(const mujoco::Model& model, const Regressor& regressor, const BaseParameters& base,
           std::span<const RobotRecording> recordings, const Decided& decided, std::span<const double> torque_max_nm,
-          unsigned threads, const std::function<void(double)>& progress)
-      : model_(model),
+          unsigned threads, const std::function<void(double)>& progress, std::span<const double> offered)
+      : offered_(offered),
+        model_(model),
         regressor_(regressor),
         base_(base),
         recordings_(recordings),
@@ -130,18 +132,20 @@ class Chooser {
     return {};
   }
 
-  /// Narrower ones as long as ends, rests and reversals leave half of the samples.
+  /// Narrower ones as long as ends and rests leave half of the samples; of the first four also as long as reversals do,
+  /// though samples near them may count: in a narrow band what a lag spoils hardly shows, and it would not be found.
   void set_cutoffs(double widest_hz) {
     cutoffs_ = {widest_hz};
     if (decided_.cutoff_hz) return;
     const auto moving = [&](double cutoff_hz) {
       Preparation signals = out_.setting.signals;
       signals.cutoff_hz = cutoff_hz, signals.widest_hz = widest_hz;
+      signals.reversals = signals.reversals && offered_.size() > first_offered;
       const auto motion = prepare(recordings_, regressor_, signals);
       return motion ? static_cast<double>(motion->moving.count()) : 0.0;
     };
     const double all = moving(widest_hz);
-    for (const double share : narrower) {
+    for (const double share : offered_) {
       if (const double left = moving(share * widest_hz); left == 0 || left < 0.5 * all) return;
       cutoffs_.push_back(share * widest_hz);
     }
@@ -757,6 +761,7 @@ class Chooser {
     return row;
   }
 
+  const std::span<const double> offered_;  ///< cut-offs, as shares of the widest
   const mujoco::Model& model_;
   Regressor regressor_;  ///< with the coupled motors of the best setting, and its base parameters
   BaseParameters base_;
@@ -795,7 +800,19 @@ Result<DynamicsChoice> choose_dynamics(const mujoco::Model& model, const Regress
   Decided all = decided;
   if (all.instruments)
     all.asymmetry = false, all.by_position.emplace(), all.robust = Robust::none, all.prior = 0, all.lag = true;
-  return Chooser(model, regressor, base, recordings, all, torque_max_nm, threads, progress).run();
+  const auto run = [&](std::span<const double> offered) {
+    return Chooser(model, regressor, base, recordings, all, torque_max_nm, threads, progress, offered).run();
+  };
+  const std::span<const double> every(narrower), first = every.first(first_offered);
+  auto choice = run(first);
+  if (!choice || all.cutoff_hz) return choice;
+  // Narrower ones need longer distances from rests and ends in what is compared: all is compared once more.
+  const auto at_edge = [&](const DynamicsChoice& c) {
+    return c.setting.signals.cutoff_hz <= 1.01 * first.back() * c.target_hz;
+  };
+  if (!at_edge(*choice)) return choice;
+  auto wider = run(every);
+  return wider && at_edge(*wider) ? std::move(wider) : std::move(choice);
 }
 
 }  // namespace tribotwin::twin::identification

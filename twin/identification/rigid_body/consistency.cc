@@ -247,6 +247,23 @@ bool contradicted(double distance_sigma, Index base_size) {
   return distance_sigma > 1.5 * std::sqrt(chi_squared_quantile(static_cast<double>(base_size), 0.95));
 }
 
+namespace {
+
+/// That noise makes the rotor inertia that is the most sigmas below 0 so small, which no real rotor has, of as many as
+/// there are: one impossible number disappears in the distance of many that the data hardly determine.
+double chance_of_rotors(const BaseParameters& base, const VectorXd& beta, const MatrixXd& information) {
+  const MatrixXd covariance = pseudo_inverse(information);
+  double count = 0, least = 1;
+  for (Index k = 0; k < base.size(); ++k) {
+    if (!base.parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia") || !(covariance(k, k) > 0)) continue;
+    ++count;
+    least = std::min(least, 0.5 * std::erfc(-beta(k) / std::sqrt(2 * covariance(k, k))));
+  }
+  return count > 0 ? std::min(1.0, count * least) : 1;
+}
+
+}  // namespace
+
 Consistency nearest_consistent(const Regressor& regressor, const BaseParameters& base, const VectorXd& beta,
                                const MatrixXd& information) {
   const SymmetricEigen eigen = symmetric_eigen(information);
@@ -256,8 +273,9 @@ Consistency nearest_consistent(const Regressor& regressor, const BaseParameters&
   out.base = base.from_all * out.parameters;
   out.distance_sigma = (root * (out.base - beta)).norm();
   const auto freedom = static_cast<double>(base.size());
-  out.chance = chi_squared_above(freedom, out.distance_sigma * out.distance_sigma);
-  out.possible = out.distance_sigma * out.distance_sigma < chi_squared_quantile(freedom, 0.95);
+  out.chance = std::min(chi_squared_above(freedom, out.distance_sigma * out.distance_sigma),
+                        chance_of_rotors(base, beta, information));
+  out.possible = out.chance > 0.05;
   return out;
 }
 

@@ -19,10 +19,10 @@
 namespace tribotwin::twin::identification {
 
 struct Consistency {
-  bool possible = false;  ///< within the noise: distance^2 below the 95 % quantile of chi-squared with one degree of
-                          ///< freedom per base parameter
+  bool possible = false;       ///< within the noise: a chance above 5 %
   double distance_sigma = 0;   ///< Mahalanobis distance of the estimate from the nearest consistent one
-  double chance = 1;           ///< that noise makes real bodies as distant: of chi-squared, as above
+  double chance = 1;           ///< that noise makes real bodies as distant: of chi-squared with one degree of freedom
+                               ///< per base parameter; or, where that is less, a rotor inertia so far below 0
   Eigen::VectorXd base;        ///< the nearest consistent base parameters
   Eigen::VectorXd parameters;  ///< of bodies that have them, those nearest to the model's; order of the regressor
 };

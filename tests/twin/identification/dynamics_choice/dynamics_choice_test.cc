@@ -211,6 +211,19 @@ TEST(Choice, TakesWhatTheRecordingsHave) {
   EXPECT_LT(rough.setting.signals.cutoff_hz, 15);
 }
 
+// A UR10 whose speeds come from a rough encoder predicts best below 2 Hz.
+TEST(Choice, NarrowsTheBandWhileThatPredictsBetter) {
+  Arm arm;
+  const Defects defects{.noise_nm = 1, .position_step_rad = 2e-2};
+  const std::vector training{arm.recording(defects, 10, 40), arm.recording(defects, 11, 40)};
+  const DynamicsChoice choice = arm.choice(training);
+  EXPECT_LT(choice.setting.signals.cutoff_hz, 5);
+  Setting wider = choice.setting;
+  wider.signals.cutoff_hz = 5;
+  const RobotRecording unseen = arm.recording({.noise_nm = 1}, 20, 40);
+  EXPECT_LT(arm.error(choice.setting, training, unseen), 0.9 * arm.error(wider, training, unseen));
+}
+
 TEST(Choice, SaysInWhichBandErrorsOfALagAreCounted) {
   Arm arm;
   constexpr double recorded_noise_nm = 1;

@@ -132,6 +132,28 @@ TEST(Consistency, OfAFitIsTheMinimumOverRealBodies) {
   EXPECT_GE(changed, 4);
 }
 
+// Many parameters that the data hardly determine hide one that is impossible in the distance of all.
+TEST(Consistency, ARotorFarBelowZeroIsNoRealOne) {
+  const Arm arm("0 1 0");
+  const BaseParameters& base = arm.base();
+  VectorXd beta = base.from_all * arm.regressor().model_parameters();
+  const VectorXd sigma = (0.1 * beta.cwiseAbs()).cwiseMax(0.01);
+  const MatrixXd information = sigma.cwiseAbs2().cwiseInverse().asDiagonal();
+  EXPECT_TRUE(nearest_consistent(arm.regressor(), base, beta, information).possible);
+  int rotors = 0;
+  for (Index k = 0; k < base.size(); ++k) {
+    if (!base.parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia")) continue;
+    ++rotors;
+    for (const auto& [sigmas, possible] : {std::pair{1.0, true}, {3.5, false}}) {
+      VectorXd off = beta;
+      off(k) = -sigmas * sigma(k);
+      EXPECT_EQ(nearest_consistent(arm.regressor(), base, off, information).possible, possible)
+          << base.parameters[static_cast<std::size_t>(k)].name << " " << sigmas;
+    }
+  }
+  EXPECT_GT(rotors, 0) << base.parameters.front().name << " " << base.parameters.back().name;
+}
+
 TEST(Consistency, LeavesTheParametersOfRealBodiesAsTheyAre) {
   Arm arm;
   const Fitted f = arm.fitted(arm.recording(1, 0.01));

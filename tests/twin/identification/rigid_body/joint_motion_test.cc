@@ -282,6 +282,18 @@ TEST(JointMotion, RestsAreLeftOutAndNoiseIsNoMotion) {
 
 // A velocity of its own that is late: its delay is found within its sigmas whatever the noise of the encoder, removed
 // and said.
+// What is left of a joint that stands still is noise: predicted is the friction of those that move.
+TEST(JointMotion, AJointThatStandsStillMayWhereItIsSaid) {
+  const Axis axis;
+  const auto still = axis.recording([](double) { return Instant{0.3, 0, 0}; }, {.encoder_m = 1e-6}, 7);
+  const auto refused = prepare({&still, 1}, axis.regressor());
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, testing::HasSubstr("stands still in all recordings"));
+  const auto motion = prepare({&still, 1}, axis.regressor(), {.still_joints = true});
+  ASSERT_TRUE(motion) << motion.error().message;
+  EXPECT_FALSE(motion->moving.any());
+}
+
 TEST(JointMotion, RecordedVelocitiesThatAreLateAreMovedAndSaid) {
   const Axis axis;
   constexpr double delay_s = 0.0042;
