@@ -115,7 +115,8 @@ TEST(TrainingRange, MotionIsInItsSpanWithoutAMargin) {
   auto ranges = ranges_of(trained, load_of(trained, 20), false);
   EXPECT_TRUE(motion_in_span(ranges, trained).rightCols(900).all());
   const auto in = motion_in_span(ranges, further);
-  for (Index i = 0; i < further.size(); ++i) ASSERT_EQ(in(0, i), std::abs(further.q(0, i)) <= ranges[0][0].high) << i;
+  for (Index i = 100; i < further.size(); ++i)
+    ASSERT_EQ(in(0, i), ranges[0][0].low <= further.q(0, i) && further.q(0, i) <= ranges[0][0].high) << i;
   EXPECT_LT(in.count(), 900);
   JointMotion resting = trained;
   resting.qd.setZero();
