@@ -199,10 +199,13 @@ Json training_of(const Judgement& judgement, Index joint) {
 /// Null where there is none.
 Json band_of(const Error& e) {
   if (std::isnan(e.half_width)) return nullptr;
+  const Json as_trained = {{"samples", e.as_trained.samples},
+                           {"share_inside", e.as_trained.samples > 0 ? Json(e.as_trained.share()) : Json(nullptr)},
+                           {"independent", e.as_trained.independent}};
   return {{"half_width", e.half_width},
           {"samples", e.band.samples},
           {"share_inside", e.band.samples > 0 ? Json(e.band.share()) : Json(nullptr)},
-          {"independent", e.band.independent},
+          {"as_trained", as_trained},
           {"fails", e.band_fails()},
           {"changed", e.has_changed()}};
 }
@@ -281,7 +284,7 @@ std::string doubts(const Regressor& regressor, const Error& e) {
   std::vector<std::string> others, out;
   for (std::size_t k = 0; k < e.outside.size(); ++k)
     if (e.outside[k] > 0)
-      others.push_back(fmt::format("{} in {:.2g} %", regressor.joint_name(static_cast<Index>(k)), 100 * e.outside[k]));
+      others.push_back(fmt::format("{} in {:.3g} %", regressor.joint_name(static_cast<Index>(k)), 100 * e.outside[k]));
   if (!others.empty()) out.push_back("joints that load it are outside of what was trained: " + joined(others));
   if (e.as_trained.samples > 0 && e.as_trained.share() >= InBand::too_few)
     out.push_back(fmt::format("where all are within it, {:.0f} % of {} samples are inside", 100 * e.as_trained.share(),

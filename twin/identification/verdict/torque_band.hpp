@@ -27,9 +27,9 @@ double independent_errors(std::span<const double> errors, const JointMotion& mot
 /// Per joint, how many independent samples band_of has its quantile from; 0 where it never moves.
 Eigen::VectorXd independent_of_band(const JointMotion& motion, const Eigen::MatrixXd& held_out);
 
-/// With as many independent samples one of them is outside of 95 % of all with a chance of 95 %: 1 - 0.95^59
+/// The largest of as many independent errors is beyond 90 % of all (InBand::too_few) with a chance of 95 %: 1 - 0.9^29
 /// (Wilks 1941, Determination of sample sizes for setting tolerance limits). Of fewer a band is not proven.
-inline constexpr double least_of_band = 59;
+inline constexpr double least_of_band = 29;
 
 /// Of one joint's samples for which the band is made.
 struct InBand {
