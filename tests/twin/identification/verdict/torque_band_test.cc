@@ -144,7 +144,7 @@ TEST(TorqueBand, IsProvenByTheIndependentSamplesThatItIsOf) {
   std::mt19937_64 random(1);
   std::normal_distribution<double> normal;
   for (Index i = 0; i < 2000; ++i)
-    m.torque(0, i) = normal(random), m.torque(1, i) = std::sin(0.01 * static_cast<double>(i));
+    m.torque(0, i) = normal(random), m.torque(1, i) = std::sin(0.004 * static_cast<double>(i));
   const VectorXd of = independent_of_band(m, MatrixXd::Zero(2, 2000));
   EXPECT_GT(of(0), least_of_band);
   EXPECT_LT(of(1), least_of_band);
