@@ -562,6 +562,7 @@ DynamicsOrigin origin_of(const Arguments& a, const Robot& robot, const Setting& 
                         .lag = {},
                         .ranges = {},
                         .band = {},
+                        .band_independent = {},
                         .consistent = {}};
   origin.signals.cutoff_hz = motion.cutoff_hz;
   origin.signals.reversals = motion.reversals;  // also where they count as there are hardly any other samples
@@ -827,6 +828,7 @@ Result<Exit> execute(const Arguments& a) {
     if (data.gains) origin.drive_gains = data.gains->constants;
     origin.left_out = left_out, origin.lag = lag, origin.ranges = judgement.ranges;
     origin.band = band_of(motion, fit->held_out), origin.consistent = consistent;
+    origin.band_independent = independent_of_band(motion, fit->held_out);
     if (auto ok = deliver(to_yaml(*fit, robot.base, law, robot.regressor, consistency, origin), a.output); !ok)
       return ok;
   }

@@ -46,28 +46,68 @@ using Samples = Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic>;
 
 /// Of recorded torques about predicted ones.
 struct Bands {
-  Eigen::VectorXd half_width;  ///< per joint [Nm; N]; NaN: none
-  std::string lacking;         ///< why there is none; empty: there are bands
+  Eigen::VectorXd half_width;   ///< per joint [Nm; N]; NaN: none
+  Eigen::VectorXd independent;  ///< per joint, independent samples that it is from; NaN: not known
+  std::string lacking;          ///< why there is none; empty: there are bands
 
   double at(const Samples& trained, Index joint, Index sample) const {
     return trained(joint, sample) ? half_width(joint) : std::nan("");
   }
 };
 
+/// What the motion asks of the parameters, and what they make of it.
+struct Judgement {
+  std::vector<JointVerdict> joints;
+  std::vector<std::vector<Beyond>> beyond;  ///< per joint; empty: the ranges of the training are not known
+  Samples trained;                          ///< as of in_training
+  Samples in_span;                          ///< as of motion_in_span
+  Samples loading;                          ///< joints x joints: whether the first loads the second
+};
+
 /// Over the samples in which the joint moves; at rest friction is not determined by the motion.
 struct Error {
   double rms = 0, range = 0, largest = 0;
   Index samples = 0;
-  double half_width = 0;  ///< of the band; NaN: there is none
-  InBand band;            ///< of the samples in the training
+  double half_width = 0;        ///< of the band; NaN: there is none
+  double of_independent = 0;    ///< independent samples that the band is from; NaN: not known
+  InBand band;                  ///< of the samples in the training
+  InBand as_trained;            ///< of those in which all joints that load this one are in the training's spans
+  std::vector<double> outside;  ///< per joint: share of the band's samples in which it loads this one, outside
+  double step_s = 0;            ///< from sample to sample
   double share() const { return rms / range; }
   /// Errors below a thousandth of the range, as between twins without noise, are no matter.
   bool band_fails() const { return band.fails() && share() > 1e-3; }
+  /// Nothing but the robot or the model is left to explain that.
+  bool has_changed() const { return band_fails() && as_trained.is_refuted() && of_independent >= least_of_band; }
 };
 
-Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, const Bands& bands, const Samples& trained,
-               Index joint, double from_s, double until_s) {
-  Error e{.half_width = bands.half_width(joint)};
+/// Where the band is made, by which joints the motion is further than the training's nevertheless.
+void count_in_band(const JointMotion& motion, const Judgement& judgement, Index joint,
+                   const std::vector<std::pair<Index, double>>& errors, Error& e) {
+  std::vector<double> all, as_trained;
+  e.outside.assign(static_cast<std::size_t>(motion.q.rows()), 0.0);
+  for (const auto& [i, error] : errors) {
+    bool is_trained = true;
+    for (Index other = 0; other < motion.q.rows(); ++other)
+      if (judgement.loading(other, joint) && !judgement.in_span(other, i))
+        is_trained = false, e.outside[static_cast<std::size_t>(other)] += 1 / static_cast<double>(errors.size());
+    const bool is_inside = std::abs(error) <= e.half_width;
+    ++e.band.samples, e.band.inside += is_inside, all.push_back(error);
+    if (is_trained) ++e.as_trained.samples, e.as_trained.inside += is_inside, as_trained.push_back(error);
+  }
+  e.band.independent = independent_errors(all, motion);
+  e.as_trained.independent = independent_errors(as_trained, motion);
+}
+
+Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, const Bands& bands,
+               const Judgement& judgement, Index joint, double from_s, double until_s) {
+  Error e{.half_width = bands.half_width(joint),
+          .of_independent = bands.independent(joint),
+          .band = {},
+          .as_trained = {},
+          .outside = {},
+          .step_s = motion.period_s};
+  std::vector<std::pair<Index, double>> in_training;
   double squares = 0, low = infinity, high = -low;
   for (Index i = 0; i < motion.size(); ++i) {
     if (const double t = motion.time_s[static_cast<std::size_t>(i)]; t < from_s || t > until_s) continue;
@@ -77,20 +117,13 @@ Error error_of(const JointMotion& motion, const Eigen::MatrixXd& predicted, cons
     squares += difference * difference;
     e.largest = std::max(e.largest, std::abs(difference));
     ++e.samples;
-    if (const double band = bands.at(trained, joint, i); !std::isnan(band))
-      ++e.band.samples, e.band.inside += std::abs(difference) <= band;
+    if (!std::isnan(bands.at(judgement.trained, joint, i))) in_training.emplace_back(i, difference);
   }
+  count_in_band(motion, judgement, joint, in_training, e);
   e.rms = std::sqrt(squares / static_cast<double>(e.samples));
   e.range = high - low;
   return e;
 }
-
-/// What the motion asks of the parameters, and what they make of it.
-struct Judgement {
-  std::vector<JointVerdict> joints;
-  std::vector<std::vector<Beyond>> beyond;  ///< per joint; empty: the ranges of the training are not known
-  Samples trained;                          ///< as of in_training
-};
 
 /// Of the samples whose errors count.
 Judgement judged(const Arguments& a, const Robot& robot, const DynamicsFile& file, const RobotParameters& parameters,
@@ -99,10 +132,14 @@ Judgement judged(const Arguments& a, const Robot& robot, const DynamicsFile& fil
     return gear_load(robot.regressor, robot.base, base, motion, a.threads);
   };
   const Eigen::MatrixXd load = load_by(parameters.base), load_of_fit = load_by(file.parameters.base);  // as the ranges'
+  Samples loading(motion.q.rows(), motion.q.rows());
+  for (Index k = 0; k < loading.size(); ++k)
+    loading(k % loading.rows(), k / loading.rows()) = loads(robot.regressor, k % loading.rows(), k / loading.rows());
   const auto of = [&](const JointMotion& counted) -> Judgement {
     return {judge_joints(robot.regressor, counted, predicted, load),
             beyond(file.ranges, counted, load_of_fit, with_temperature),
-            in_training(file.ranges, motion, load_of_fit, with_temperature)};
+            in_training(file.ranges, motion, load_of_fit, with_temperature), motion_in_span(file.ranges, motion),
+            loading};
   };
   if (a.window_s.empty()) return of(motion);
   JointMotion counted = motion;
@@ -142,7 +179,7 @@ std::vector<std::string> row_of(const std::string& joint, const Error& e, const 
           figure(e.largest),
           std::isnan(e.half_width) ? "-" : "+-" + figure(e.half_width),
           unit,
-          e.band.samples == 0 ? "-" : fmt::format("{:.1f} %", 100 * e.band.share()),
+          e.band.samples == 0 ? "-" : fmt::format("{:.1f} % of {}", 100 * e.band.share(), e.band.samples),
           fmt::format("{}", e.samples),
           outside};
 }
@@ -162,10 +199,15 @@ Json training_of(const Judgement& judgement, Index joint) {
 /// Null where there is none.
 Json band_of(const Error& e) {
   if (std::isnan(e.half_width)) return nullptr;
+  const Json as_trained = {{"samples", e.as_trained.samples},
+                           {"share_inside", e.as_trained.samples > 0 ? Json(e.as_trained.share()) : Json(nullptr)},
+                           {"independent", e.as_trained.independent}};
   return {{"half_width", e.half_width},
           {"samples", e.band.samples},
           {"share_inside", e.band.samples > 0 ? Json(e.band.share()) : Json(nullptr)},
-          {"fails", e.band_fails()}};
+          {"as_trained", as_trained},
+          {"fails", e.band_fails()},
+          {"changed", e.has_changed()}};
 }
 
 Json json_of(const Error& e, const std::string& unit, const JointVerdict& verdict) {
@@ -218,7 +260,11 @@ double largest_growth(const DynamicsFile& file) {
 
 /// Real bodies leave more of the training unexplained than the parameters whose band the file has.
 Bands bands_of(const Arguments& a, const DynamicsFile& file, const JointMotion& motion) {
-  Bands out{.half_width = Eigen::VectorXd::Constant(motion.q.rows(), std::nan("")), .lacking = {}};
+  const Eigen::VectorXd unknown = Eigen::VectorXd::Constant(motion.q.rows(), std::nan(""));
+  Bands out{.half_width = unknown, .independent = unknown, .lacking = {}};
+  if (!file.band_independent.empty())
+    out.independent =
+        Eigen::Map<const Eigen::VectorXd>(file.band_independent.data(), std::ssize(file.band_independent));
   if (file.band.empty())
     out.lacking =
         fmt::format("{}: of an earlier version, or of --iv: predicted torques have no 95 % band", a.parameters);
@@ -233,13 +279,44 @@ Bands bands_of(const Arguments& a, const DynamicsFile& file, const JointMotion& 
   return out;
 }
 
+/// Why a band that fails is not the robot's or the model's doing beyond doubt.
+std::string doubts(const Regressor& regressor, const Error& e) {
+  std::vector<std::string> others, out;
+  for (std::size_t k = 0; k < e.outside.size(); ++k)
+    if (e.outside[k] > 0)
+      others.push_back(fmt::format("{} in {:.3g} %", regressor.joint_name(static_cast<Index>(k)), 100 * e.outside[k]));
+  if (!others.empty()) out.push_back("joints that load it are outside of what was trained: " + joined(others));
+  if (e.as_trained.samples > 0 && e.as_trained.share() >= InBand::too_few)
+    out.push_back(fmt::format("where all are within it, {:.0f} % of {} samples are inside", 100 * e.as_trained.share(),
+                              e.as_trained.samples));
+  else if (e.as_trained.samples > 0 && !e.as_trained.is_refuted())
+    out.push_back(fmt::format("the {} samples where all are within it count as {:.2g} independent ones, of {:g} needed",
+                              e.as_trained.samples, e.as_trained.independent, InBand::enough));
+  if (std::isnan(e.of_independent))
+    out.push_back("the parameters are of an earlier version: how well the band is known is not");
+  else if (e.of_independent < least_of_band)
+    out.push_back(fmt::format("the band is from {:.2g} independent samples of the training, of {:g} needed",
+                              e.of_independent, least_of_band));
+  return joined(out, "; ");
+}
+
 /// Empty where the band holds, or none is known.
-std::string band_that_fails(const std::string& joint, const std::string& unit, const Error& e) {
+std::string band_that_fails(const Regressor& regressor, Index joint, const Error& e) {
   if (!e.band_fails()) return {};
-  return fmt::format(
-      "joint {}: only {:.0f} % of the recorded torques are within the 95 % band of +-{:.3g} {}, although the motion is "
-      "within the training's range: the robot has changed, or its model lacks something",
-      joint, 100 * e.band.share(), e.half_width, unit);
+  const std::string band =
+      fmt::format("the 95 % band of +-{:.3g} {}", e.half_width, unit_of("Nm", regressor.is_slide(joint)));
+  if (e.has_changed())
+    return fmt::format(
+        "joint {}: only {:.0f} % of the recorded torques are within {}, and {:.0f} % where it and the joints that load "
+        "it are within the training's ranges ({} samples, {:.0f} independent ones): the robot has changed, or its "
+        "model "
+        "lacks something",
+        regressor.joint_name(joint), 100 * e.band.share(), band, 100 * e.as_trained.share(), e.as_trained.samples,
+        e.as_trained.independent);
+  const auto seconds = [&](Index samples) { return static_cast<double>(samples) * e.step_s; };
+  return fmt::format("joint {}: recorded torques are outside {} in {:.2g} of {:.2g} s. That proves no change: {}",
+                     regressor.joint_name(joint), band, seconds(e.band.samples - e.band.inside),
+                     seconds(e.band.samples), doubts(regressor, e));
 }
 
 /// For tribotwin-report dynamics, which reads them again.
@@ -434,7 +511,7 @@ Result<Exit> execute(const Arguments& a) {
     const std::string unit = unit_of("Nm", robot.regressor.is_slide(joint));
     const auto [from_s, until_s] =
         a.window_s.empty() ? std::pair(-infinity, infinity) : std::pair(a.window_s[0], a.window_s[1]);
-    const Error e = error_of(motion, predicted, bands, judgement.trained, joint, from_s, until_s);
+    const Error e = error_of(motion, predicted, bands, judgement, joint, from_s, until_s);
     const std::string& why = lacking[static_cast<std::size_t>(joint)];
     table.add(row_of(name, e, unit, outside_of(judgement.beyond, joint), why));
     if (!why.empty()) {
@@ -446,7 +523,7 @@ Result<Exit> execute(const Arguments& a) {
           fmt::format("--interval: joint {} does not move from {:g} to {:g} s", name, a.window_s[0], a.window_s[1]));
     j["joints"][name] = json_of(e, unit, judgement.joints[static_cast<std::size_t>(joint)]);
     j["joints"][name]["training"] = training_of(judgement, joint);
-    if (auto line = band_that_fails(name, unit, e); !line.empty()) warnings.push_back(std::move(line));
+    if (auto line = band_that_fails(robot.regressor, joint, e); !line.empty()) warnings.push_back(std::move(line));
     moving += e.samples > 0;
     if (e.samples > 0) worst = std::max(worst, e.share());
   }

@@ -68,7 +68,7 @@ void add_preparation(CLI::App& command, Preparation& preparation) {
   command
       .add_option("--cutoff", preparation.cutoff_hz,
                   "Cut-off of the zero-phase low-pass on positions and torques [Hz] (default: 20, or a fifth of the "
-                  "sampling rate)")
+                  "sampling rate, of the slowest file)")
       ->check(CLI::Range(1e-3, 1e6));
   command
       .add_option("--decimate", preparation.decimation,

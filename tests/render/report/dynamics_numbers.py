@@ -64,7 +64,7 @@ def take_head(n, j, bad):
         n.take("what to do", f"the residual of {j.name} below, {percent(share)} of which goes with {on};")
 
 
-def take_notes(n, j, half, bad):
+def take_notes(n, j, half, bad, band):
     if bad:
         share, on = j.dependence[0]
         n.take(
@@ -76,6 +76,13 @@ def take_notes(n, j, half, bad):
         n.take(
             "few in the band",
             f"only {100 * j.inside:.0f} % of the recorded torques are within the 95 % band of ± {half:.3g} Nm",
+        )
+    if band["changed"]:
+        trained = band["as_trained"]
+        n.take(
+            "few in the band where joints are as in the training",
+            f"and {100 * trained['share_inside']:.0f} % where it and the joints that load it are within the training's "
+            f"ranges ({trained['samples']} samples, {trained['independent']:.0f} independent ones)",
         )
 
 
@@ -102,7 +109,7 @@ def hold(page, check, program, command, files):
     n.take("the command", command)
     take_identity(n, program, *files)
     take_head(n, j, bad)
-    take_notes(n, j, half, bad)
+    take_notes(n, j, half, bad, of['joints'][name]['band'])
     row = [f"{j.rms:.4g}", percent(j.of_range), f"{j.range:.4g}", f"{j.largest:.4g}", f"{half:.4g}", "Nm"]
     row += [percent(j.inside), percent(j.of_variation)]
     n.take("errors", "\n".join(["", name, *row, ""]))

@@ -44,12 +44,14 @@ void write_ranges(YAML::Emitter& out, const Regressor& regressor, const std::vec
   out << YAML::EndMap;
 }
 
-void write_band(YAML::Emitter& out, const DynamicsFit& fit, const Eigen::VectorXd& band) {
-  if (band.size() == 0) return;
-  out << YAML::Key << "band" << YAML::Value << YAML::BeginMap;
-  for (Index j = 0; j < band.size(); ++j)
+/// Of joints with a band; nothing without values.
+void write_of_band(YAML::Emitter& out, const DynamicsFit& fit, const std::string& name, const Eigen::VectorXd& values,
+                   const Eigen::VectorXd& band) {
+  if (values.size() == 0) return;
+  out << YAML::Key << name << YAML::Value << YAML::BeginMap;
+  for (Index j = 0; j < values.size(); ++j)
     if (std::isfinite(band(j)))
-      out << YAML::Key << fit.joints[static_cast<std::size_t>(j)].name << YAML::Value << band(j);
+      out << YAML::Key << fit.joints[static_cast<std::size_t>(j)].name << YAML::Value << values(j);
   out << YAML::EndMap;
 }
 
@@ -358,7 +360,8 @@ std::string to_yaml(const DynamicsFit& fit, const BaseParameters& base, const fr
   out << YAML::EndMap << YAML::Key << "physically_possible" << YAML::Value << consistency.possible << YAML::Key
       << "distance_sigma" << YAML::Value << consistency.distance_sigma << YAML::Key << "chance" << YAML::Value
       << consistency.chance;
-  write_band(out, fit, origin.band);
+  write_of_band(out, fit, "band", origin.band, origin.band);
+  write_of_band(out, fit, "band_independent", origin.band_independent, origin.band);
   write_ranges(out, regressor, origin.ranges);
   if (origin.consistent) write_consistent(out, fit, base, regressor, *origin.consistent);
   const Eigen::VectorXd& bodies = origin.consistent ? origin.consistent->bodies : consistency.parameters;
@@ -389,11 +392,11 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   const YAML::Node root = load_yaml(file);
   refuse_other_kind(root, file.string(), "tribotwin dynamics");
   Mapping in(file.string(), "", root);
-  in.accept({"model",           "data",        "friction_law",         "estimator",         "signals",
-             "coupling",        "drive_gains", "torque_max_nm",        "relative_error",    "condition_number",
-             "base_parameters", "friction",    "friction_correlation", "left_out",          "lag",
-             "thermal",         "noise",       "physically_possible",  "distance_sigma",    "band",
-             "chance",          "ranges",      "consistent",           "nearest_consistent"});
+  in.accept({"model",           "data",        "friction_law",         "estimator",          "signals",
+             "coupling",        "drive_gains", "torque_max_nm",        "relative_error",     "condition_number",
+             "base_parameters", "friction",    "friction_correlation", "left_out",           "lag",
+             "thermal",         "noise",       "physically_possible",  "distance_sigma",     "band",
+             "chance",          "ranges",      "consistent",           "nearest_consistent", "band_independent"});
   DynamicsFile out;
   out.law = or_wrong_input(dynamics_law(in.text("friction_law"), file.string() + ": friction_law"));
   auto parameters = in.mapping("base_parameters");
@@ -466,6 +469,7 @@ Result<DynamicsFile> read_dynamics(const std::filesystem::path& file, const Regr
   }
   out.noise = read_per_joint(in, "noise", regressor);
   out.band = read_per_joint(in, "band", regressor);
+  out.band_independent = read_per_joint(in, "band_independent", regressor);
   if (auto largest = in.mapping("torque_max_nm"))
     for (Index j = 0; j < regressor.joints(); ++j)
       out.torque_max_nm.push_back(largest->number(regressor.joint_name(j), {1e-9, 1e9}));

@@ -26,6 +26,7 @@ struct DynamicsOrigin {
   std::vector<Estimate> lag;            ///< per joint, of the torques in the recordings [s]; empty: none
   std::vector<JointRange> ranges;       ///< per joint, of the samples of the fit; empty: not kept
   Eigen::VectorXd band;                 ///< per joint, as of band_of; empty: not kept
+  Eigen::VectorXd band_independent;     ///< per joint, as of independent_of_band; empty: not kept
   std::optional<ConsistentDynamics> consistent;  ///< none: not kept
 };
 
@@ -46,10 +47,11 @@ struct DynamicsFile {
   std::vector<Estimate> drive_gains;  ///< per joint, with value, sigma and unit; NaN where unknown. Empty: torques are
                                       ///< as recorded
   std::vector<JointRange> ranges;     ///< per joint; empty: not known, as of files of earlier versions
-  std::vector<double> band;   ///< per joint [Nm; N], band_of the least-squares parameters; NaN where it was left
-                              ///< out. Empty: not known, as of files of earlier versions
-  bool possible = true;       ///< Consistency::possible
-  bool contradicted = false;  ///< contradicted() of the distance
+  std::vector<double> band;  ///< per joint [Nm; N], band_of the least-squares parameters; NaN where it was left
+                             ///< out. Empty: not known, as of files of earlier versions
+  std::vector<double> band_independent;          ///< per joint, independent_of_band; NaN and empty as `band`
+  bool possible = true;                          ///< Consistency::possible
+  bool contradicted = false;                     ///< contradicted() of the distance
   double distance_sigma = 0, chance = 1;         ///< Consistency; NaN where the file does not say
   std::optional<ConsistentDynamics> consistent;  ///< without `bodies`; none in files of earlier versions
 };

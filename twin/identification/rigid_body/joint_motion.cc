@@ -74,22 +74,30 @@ struct Sampling {
   bool regular() const { return uneven == 0; }
 };
 
+double typical_step_s(const RobotRecording& rec) {
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < rec.time_s.size(); ++i) steps.push_back(rec.time_s[i] - rec.time_s[i - 1]);
+  return median_of(std::move(steps));
+}
+
+/// Where none is given.
+double usual_cutoff_hz(double step_s) { return std::min(20.0, 0.2 / step_s); }
+
 /// A hole in time that is short against the period of the cut-off is no gap: interpolation crosses it.
 Sampling sampling_of(const RobotRecording& rec, const Preparation& preparation, std::vector<std::string>& notes) {
   const auto& time = rec.time_s;
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < time.size(); ++i) steps.push_back(time[i] - time[i - 1]);
-  Sampling s{.typical_s = median_of(steps)};
-  const double cutoff = preparation.cutoff_hz > 0 ? preparation.cutoff_hz : std::min(20.0, 0.2 / s.typical_s);
+  Sampling s{.typical_s = typical_step_s(rec)};
+  const double cutoff = preparation.cutoff_hz > 0 ? preparation.cutoff_hz : usual_cutoff_hz(s.typical_s);
   const double hole_s = preparation.longest_hole_s > 0 ? preparation.longest_hole_s : hole_periods / cutoff;
   const double longest_s = std::max(gap_steps * s.typical_s, hole_s);
   for (std::size_t i = 1; i < time.size(); ++i) {
-    if (steps[i - 1] > longest_s) {
+    const double step_s = time[i] - time[i - 1];
+    if (step_s > longest_s) {
       s.stretches.push_back({i, i});
       ++s.gaps;
     } else {
       s.stretches.back().last = i;
-      s.uneven += std::abs(steps[i - 1] - s.typical_s) > 0.02 * s.typical_s;
+      s.uneven += std::abs(step_s - s.typical_s) > 0.02 * s.typical_s;
     }
   }
   if (s.gaps)
@@ -98,7 +106,7 @@ Sampling sampling_of(const RobotRecording& rec, const Preparation& preparation, 
   if (!s.regular())
     notes.push_back(
         fmt::format("{}: time_s is not equidistant ({} of {} steps differ from {:.4g} s); resampled at that period",
-                    rec.file.string(), s.uneven, steps.size(), s.typical_s));
+                    rec.file.string(), s.uneven, time.size() - 1, s.typical_s));
   return s;
 }
 
@@ -456,9 +464,33 @@ void leave_out_unrecorded(std::span<const RobotRecording> recordings, JointMotio
   }
 }
 
+/// One cut-off for files of different rates, where none is given: the usual one of the slowest, which all can have.
+/// Files whose own ones are as good as equal keep them.
+Preparation with_one_cutoff(std::span<const RobotRecording> recordings, Preparation preparation,
+                            std::vector<std::string>& notes) {
+  constexpr double equal = 0.98;
+  if (preparation.cutoff_hz > 0) return preparation;
+  const RobotRecording* slowest = nullptr;
+  double lowest_hz = std::numeric_limits<double>::infinity(), highest_hz = 0, rate_hz = 0;
+  for (const RobotRecording& rec : recordings) {
+    if (rec.time_s.size() < 2) continue;
+    const double step_s = typical_step_s(rec), cutoff_hz = usual_cutoff_hz(step_s);
+    highest_hz = std::max(highest_hz, cutoff_hz);
+    if (cutoff_hz < lowest_hz) lowest_hz = cutoff_hz, rate_hz = 1 / step_s, slowest = &rec;
+  }
+  if (!slowest || lowest_hz >= equal * highest_hz) return preparation;
+  preparation.cutoff_hz = lowest_hz;
+  notes.push_back(
+      fmt::format("{}: is sampled at {:.4g} Hz; all files are filtered at a fifth of that, {:.3g} Hz, though {:.3g} Hz "
+                  "suits the fastest: another cut-off, or leaving this file out, may tell more",
+                  slowest->file.string(), rate_hz, lowest_hz, highest_hz));
+  return preparation;
+}
+
 Result<JointMotion> prepare_as_asked(std::span<const RobotRecording> recordings, const Regressor& r,
-                                     const Preparation& preparation) {
+                                     const Preparation& asked) {
   JointMotion out;
+  const Preparation preparation = with_one_cutoff(recordings, asked, out.notes);
   out.lag_s = preparation.lag_s;
   out.reversals = preparation.reversals;
   out.has_temperature =

@@ -27,7 +27,7 @@ inline constexpr double hole_periods = 0.25;
 
 struct Preparation {
   double cutoff_hz = 0;     ///< of the zero-phase low-pass on positions and torques; 0: 20 Hz, at most a fifth of the
-                            ///< sampling rate
+                            ///< sampling rate, of the slowest recording
   unsigned decimation = 0;  ///< keeps every n-th sample; 0: five per period of the cut-off
   bool recorded_velocity = false;  ///< speeds from the recorded velocities, where there are, not from positions
   /// Samples of several cut-offs at the same times: as many as the widest of them needs, without the ends in which the

@@ -115,6 +115,29 @@ Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> in_training(const std::vecto
   return in;
 }
 
+Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> motion_in_span(const std::vector<JointRange>& trained,
+                                                                   const JointMotion& motion) {
+  Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> in;
+  in.setConstant(motion.q.rows(), motion.size(), !trained.empty());
+  for (std::size_t j = 0; j < trained.size(); ++j)
+    for (const Ranged what : {Ranged::position, Ranged::speed, Ranged::acceleration}) {
+      Span span = trained[j][static_cast<std::size_t>(what)];
+      if (!span.known()) continue;
+      if (what == Ranged::speed) span = {std::min(span.low, 0.0), std::max(span.high, 0.0)};
+      const auto joint = static_cast<Index>(j);
+      for (Index i = 0; i < motion.size(); ++i)
+        if (const double x = value_of(motion, {}, what, joint, i); x < span.low || x > span.high) in(joint, i) = false;
+    }
+  return in;
+}
+
+bool loads(const Regressor& regressor, Index other, Index joint) {
+  if (other == joint) return true;
+  for (std::size_t c = 0; c < regressor.columns().size(); ++c)
+    if (regressor.acts(c, other) && regressor.acts(c, joint)) return true;
+  return false;
+}
+
 std::string beyond_training(const std::string& joint, bool slide, const std::vector<Beyond>& all) {
   std::vector<std::string> parts;
   for (const Beyond& b : all)

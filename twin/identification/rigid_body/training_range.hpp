@@ -57,6 +57,16 @@ Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> in_training(const std::vecto
                                                                 const Eigen::MatrixXd& gear_load,
                                                                 bool with_temperature);
 
+/// Joints x samples: position, speed and acceleration of the joint itself are in the span of the training, without the
+/// margin of `beyond`; a speed between the span and rest is. True where a span is not known; false throughout where
+/// nothing is known of the training.
+Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> motion_in_span(const std::vector<JointRange>& trained,
+                                                                   const JointMotion& motion);
+
+/// Whether the motion of `other` acts on the torque of `joint`: both move a body or turn a rotor, as joints along one
+/// chain do. True of a joint and itself.
+bool loads(const Regressor& regressor, Eigen::Index other, Eigen::Index joint);
+
 /// "joint elbow leaves the training: speed reaches 3.1 rad/s (-1.2 .. 1.4 in training; 12 % of samples outside)"; empty
 /// where it stays inside.
 std::string beyond_training(const std::string& joint, bool slide, const std::vector<Beyond>& all);

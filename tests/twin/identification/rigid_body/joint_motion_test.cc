@@ -390,5 +390,29 @@ TEST(JointMotion, TorquesWithoutLagStayAsTheyAre) {
   EXPECT_TRUE(std::ranges::all_of(same.known, std::identity{}));
 }
 
+// Torques of one fit are filtered alike, and preparing them again with the cut-off that was found is possible.
+TEST(JointMotion, WithoutACutoffFilesOfDifferentRatesShareThatOfTheSlowest) {
+  const Axis axis;
+  const std::vector<RobotRecording> recordings = {axis.recording(Sines(1, 4), {}, 5, 20, 32.5),
+                                                  axis.recording(Sines(1, 6), {}, 7, 20, 11.83)};
+  const auto mixed = prepare(recordings, axis.regressor(), {});
+  ASSERT_TRUE(mixed) << mixed.error().message;
+  EXPECT_NEAR(mixed->cutoff_hz, 11.83 / 5, 1e-6);
+  EXPECT_THAT(mixed->notes, testing::Contains(testing::HasSubstr("is sampled at 11.83 Hz")));
+  const auto again = prepare(recordings, axis.regressor(), {.cutoff_hz = mixed->cutoff_hz});
+  ASSERT_TRUE(again) << again.error().message;
+  EXPECT_EQ(again->torque, mixed->torque);
+}
+
+TEST(JointMotion, FilesWhoseRatesOnlyJitterKeepTheirCutoffs) {
+  const Axis axis;
+  const RobotRecording slow = axis.recording(Sines(1, 4), {}, 5, 8, 49.9),
+                       fast = axis.recording(Sines(1, 6), {}, 7, 8, 50);
+  const auto both = prepare(std::vector{fast, slow}, axis.regressor(), {});
+  ASSERT_TRUE(both) << both.error().message;
+  EXPECT_NEAR(both->cutoff_hz, 10, 1e-9);
+  EXPECT_THAT(both->notes, testing::IsEmpty());
+}
+
 }  // namespace
 }  // namespace tribotwin::twin::identification

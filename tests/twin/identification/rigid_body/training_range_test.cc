@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include <tribotwin/plugins/mujoco/loader.hpp>
 #include <tribotwin/twin/identification/rigid_body/training_range.hpp>
 
 namespace tribotwin::twin::identification {
@@ -106,6 +107,42 @@ TEST(TrainingRange, OtherJointsLeaveItToo) {
   EXPECT_LT(faster.row(1).count(), trained.moving.row(1).count());
   EXPECT_EQ(harder.row(0), harder.row(1));
   EXPECT_LT(harder.row(0).count(), trained.moving.row(0).count());
+}
+
+// The margin is for bands, not for proof; and a joint that rests is not faster than one that always turned one way.
+TEST(TrainingRange, MotionIsInItsSpanWithoutAMargin) {
+  const JointMotion trained = motion_of(1, 2, 10, 30), further = motion_of(1.05, 2, 10, 30);
+  auto ranges = ranges_of(trained, load_of(trained, 20), false);
+  EXPECT_TRUE(motion_in_span(ranges, trained).rightCols(900).all());
+  const auto in = motion_in_span(ranges, further);
+  for (Index i = 100; i < further.size(); ++i)
+    ASSERT_EQ(in(0, i), ranges[0][0].low <= further.q(0, i) && further.q(0, i) <= ranges[0][0].high) << i;
+  EXPECT_LT(in.count(), 900);
+  JointMotion resting = trained;
+  resting.qd.setZero();
+  ranges[0][static_cast<std::size_t>(Ranged::speed)] = {0.5, 2};
+  EXPECT_TRUE(motion_in_span(ranges, resting).rightCols(900).all());
+  EXPECT_FALSE(motion_in_span({}, trained).any());
+}
+
+TEST(TrainingRange, JointsOfOneChainLoadEachOther) {
+  const auto model = *mujoco::load_string(R"(<mujoco><worldbody>
+    <body><joint name="waist" axis="0 0 1"/><geom size=".1" pos=".1 0 0" mass="3"/>
+      <body><joint name="left" axis="0 1 0"/><geom size=".1" pos=".3 0 0" mass="1"/>
+        <body pos=".3 0 0"><joint name="hand" axis="0 1 0"/><geom size=".1" pos=".1 0 0" mass="1"/></body></body>
+      <body><joint name="right" axis="0 1 0"/><geom size=".1" pos="-.3 0 0" mass="1"/></body>
+    </body></worldbody></mujoco>)");
+  const Regressor regressor = *Regressor::create(model->get());
+  const Index waist = 0, left = 1, hand = 2, right = 3;
+  for (const Index j : {waist, left, hand, right}) {
+    EXPECT_TRUE(loads(regressor, j, waist)) << j;
+    EXPECT_TRUE(loads(regressor, waist, j)) << j;
+    EXPECT_TRUE(loads(regressor, j, j)) << j;
+  }
+  EXPECT_TRUE(loads(regressor, hand, left));
+  EXPECT_TRUE(loads(regressor, left, hand));
+  EXPECT_FALSE(loads(regressor, right, hand));
+  EXPECT_FALSE(loads(regressor, left, right));
 }
 
 TEST(TrainingRange, OfAJointAtRestHasNoSpeed) {

@@ -117,5 +117,38 @@ TEST(TorqueBand, FailsWhereTwiceAsManyAreOutside) {
   EXPECT_FALSE(InBand{}.fails());
 }
 
+// Of 62 samples of one slow swing next to nothing is known, of as many independent ones enough.
+TEST(TorqueBand, IsRefutedByIndependentSamplesOnly) {
+  EXPECT_TRUE((InBand{.samples = 62, .inside = 22, .independent = 62}.is_refuted()));
+  EXPECT_FALSE((InBand{.samples = 62, .inside = 22, .independent = 3}.is_refuted()));
+  EXPECT_FALSE((InBand{.samples = 62, .inside = 60, .independent = 62}.is_refuted()));
+}
+
+TEST(TorqueBand, CountsCorrelatedErrorsAsFewIndependentOnes) {
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> normal;
+  std::vector<double> white(2000), slow(2000);
+  for (std::size_t i = 0; i < white.size(); ++i)
+    white[i] = normal(random), slow[i] = std::sin(0.01 * static_cast<double>(i)) + 0.01 * white[i];
+  JointMotion m;
+  m.cutoff_hz = 20, m.period_s = 0.01;
+  EXPECT_NEAR(independent_errors(white, m), 400, 1);  // no more than one per period of the cut-off
+  EXPECT_LT(independent_errors(slow, m), 40);
+  EXPECT_EQ(independent_errors({}, m), 0);
+}
+
+TEST(TorqueBand, IsProvenByTheIndependentSamplesThatItIsOf) {
+  JointMotion m;
+  m.torque.resize(2, 2000), m.q = MatrixXd::Zero(2, 2000), m.cutoff_hz = 20, m.period_s = 0.01;
+  m.moving.setConstant(2, 2000, true);
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> normal;
+  for (Index i = 0; i < 2000; ++i)
+    m.torque(0, i) = normal(random), m.torque(1, i) = std::sin(0.004 * static_cast<double>(i));
+  const VectorXd of = independent_of_band(m, MatrixXd::Zero(2, 2000));
+  EXPECT_GT(of(0), least_of_band);
+  EXPECT_LT(of(1), least_of_band);
+}
+
 }  // namespace
 }  // namespace tribotwin::twin::identification
