@@ -469,13 +469,13 @@ Result<JointMotion> prepare_as_asked(std::span<const RobotRecording> recordings,
       for (Index k = 0; k < p.qd.cols(); ++k)
         fastest(rotor) = std::max(fastest(rotor), std::abs(r.speed(rotor, p.qd.col(k))));
   for (Index j = 0; j < r.joints(); ++j)
-    if (fastest(j) < 1e-2 && !preparation.still_joints)
+    if (fastest(j) < standstill_rad_s && !preparation.still_joints)
       return tl::unexpected(
           Error(fmt::format("joint {} stands still in all recordings (it never exceeds {:.2g} {}/s); move every joint, "
                             "or weld it in the model",
                             r.joint_name(j), fastest(j), r.is_slide(j) ? "m" : "rad")));
   for (Index rotor = r.joints(); rotor < r.rotors(); ++rotor)
-    if (fastest(rotor) < 1e-2)
+    if (fastest(rotor) < standstill_rad_s)
       return tl::unexpected(Error(fmt::format(
           "motor {} stands still in all recordings (it never exceeds {:.2g} rad/s): its joints move against "
           "each other as it says; move them one by one, or leave its coupling out",
