@@ -337,6 +337,25 @@ void doubt(const Arguments& a, const Robot& robot, const DynamicsFit& fit, const
   }
 }
 
+/// Refuses torques that all have the wrong sign: friction of all joints together would drive their motion. Short
+/// recordings leave that uncertain joint by joint; where gravity says so too, less is proof. Else what gravity and
+/// friction say are notes.
+void doubt_signs(const Arguments& a, const Robot& robot, const RobotFriction& friction, const JointMotion& motion,
+                 DynamicsFit& fit) {
+  constexpr double proven = -5, significant = -2;
+  DoubtfulGravity gravity = doubtful_gravity(robot.regressor, motion);
+  const double sigmas = pooled_friction(robot.regressor, friction, fit);
+  const auto drives = fmt::format("friction of all joints together would drive their motion ({:.1f} sigma)", sigmas);
+  if (sigmas < proven || (sigmas < significant && gravity.opposite))
+    throw InputError(
+        fmt::format("{}{}: {}{}: all torques have the wrong sign, or all positions; --columns maps them with sign: -1",
+                    a.data.front(), a.data.size() > 1 ? " and others" : "", drives,
+                    gravity.opposite ? ", and the torques follow the model's gravity with the other sign" : ""));
+  if (sigmas < significant)
+    fit.notes.push_back(drives + ": are the torques late, do they have the wrong sign, or are the joints slow?");
+  std::ranges::move(gravity.findings, std::back_inserter(fit.notes));
+}
+
 Robust robust_of(const std::string& name) {
   for (const Robust robust : {Robust::huber, Robust::tukey})
     if (name == name_of(robust)) return robust;
@@ -806,7 +825,7 @@ Result<Exit> execute(const Arguments& a) {
   name_unknown_gains(data.gains, left_out);
   const std::vector<Index> weak = weak_joints(robot, again, motion, *fit);
   leave_out_dead(robot, again, weak, motion, *fit, left_out);
-  std::ranges::move(doubtful_gravity(robot.regressor, motion), std::back_inserter(fit->notes));
+  doubt_signs(a, robot, *friction, motion, *fit);
   doubt(a, robot, *fit, weak);
   if (data.gains) count_gains(data.gains->found, *fit);
   const auto efficiencies =

@@ -406,6 +406,12 @@ std::string comparison_of(const std::vector<Candidate>& candidates, bool cross_v
   return table.text();
 }
 
+Result<Samples> samples_for(const Arguments& a, const friction::LawInfo& law) {
+  const std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
+  return read_samples(files, law,
+                      {.torque_max_nm = a.torque_max_nm, .gear_ratio = a.gear_ratio, .table = tables_of(a)});
+}
+
 Result<Exit> identify_curves(const Arguments& a) {
   const auto laws = laws_of(a.law);
   const FitOptions options{.fixed = fixed_of(a.fix),
@@ -416,15 +422,18 @@ Result<Exit> identify_curves(const Arguments& a) {
                            .threads = a.threads};
   if (laws.size() > 1 && (a.output.named() || !a.shared.empty() || !a.fix.empty() || a.each))
     throw InputError("-o, --fix, --shared and --each need a single law");
-  std::vector<std::filesystem::path> files(a.data.begin(), a.data.end());
   std::vector<Candidate> candidates;
   Json all = Json::array();
+  std::string lacking;
   for (const auto* law : laws) {
-    const auto samples = read_samples(
-        files, *law, {.torque_max_nm = a.torque_max_nm, .gear_ratio = a.gear_ratio, .table = tables_of(a)});
-    if (!samples) throw InputError(samples.error().message);
+    const auto samples = samples_for(a, *law);
+    if (!samples) {
+      lacking += (lacking.empty() ? "" : "; ") + samples.error().message;
+      if (laws.size() > 1 && !a.quiet) note("{}; law '{}' is left out", samples.error().message, law->name);
+      continue;
+    }
     check_fixed(*law, options);
-    if (law == laws.front()) print_notes(a, samples->notes);
+    if (candidates.empty()) print_notes(a, samples->notes);
     if (!a.shared.empty()) return identify_shared(a, *law, *samples, options);
     if (a.each) return identify_each(a, *law, *samples, options);
     auto candidate = fit_law(a, *law, *samples, options);
@@ -435,6 +444,7 @@ Result<Exit> identify_curves(const Arguments& a) {
     all.push_back(json_of(candidate->fit, *samples, candidate->held_out()));
     candidates.push_back(std::move(*candidate));
   }
+  if (candidates.empty()) throw InputError(lacking);
   remark_failures(candidates);
   for (std::size_t k = 0; k < candidates.size(); ++k)
     if (!candidates[k].remark.empty()) all[k]["remark"] = candidates[k].remark;

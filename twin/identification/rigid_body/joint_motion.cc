@@ -27,8 +27,6 @@ constexpr double far = 0.001;
 /// Periods of the cut-off that are left out at the ends. The filter rings for two, as what comes before a record begins
 /// is not known, and its accelerations are a step to the filter; but short records have their slow rows there.
 constexpr double ringing = 0.5;
-/// A joint or motor that is never faster stands still; what is left is noise [rad/s; m/s].
-constexpr double still_below = 1e-2;
 /// A joint that is slow for more of a period of the cut-off may have stuck; in less it has turned.
 constexpr double longest_turn = 0.5;
 
@@ -410,7 +408,7 @@ void mark_sliding(const Regressor& r, Index rotor, const Part& p, double fastest
   for (Index k = 0; k < p.q.cols(); ++k) {
     const auto i = static_cast<std::size_t>(f.edge + k * f.every), at_k = static_cast<std::size_t>(k);
     const bool slides =
-        fastest >= still_below && (f.beside_slow ? is_fast[at_k] : std::abs(kept[at_k]) >= slowest && !at_rest[i]);
+        fastest >= standstill_rad_s && (f.beside_slow ? is_fast[at_k] : std::abs(kept[at_k]) >= slowest && !at_rest[i]);
     out.direction(rotor, at + k) = f.beside_slow && slides ? std::copysign(1, kept[at_k]) : direction[i];
     for (Index j = 0; j < r.joints() && !slides; ++j)
       if (r.turns(rotor, j) != 0) out.moving(j, at + k) = false;
@@ -504,13 +502,13 @@ Result<JointMotion> prepare_as_asked(std::span<const RobotRecording> recordings,
       for (Index k = 0; k < p.qd.cols(); ++k)
         fastest(rotor) = std::max(fastest(rotor), std::abs(r.speed(rotor, p.qd.col(k))));
   for (Index j = 0; j < r.joints(); ++j)
-    if (fastest(j) < still_below && !preparation.still_joints)
+    if (fastest(j) < standstill_rad_s && !preparation.still_joints)
       return tl::unexpected(
           Error(fmt::format("joint {} stands still in all recordings (it never exceeds {:.2g} {}/s); move every joint, "
                             "or weld it in the model",
                             r.joint_name(j), fastest(j), r.is_slide(j) ? "m" : "rad")));
   for (Index rotor = r.joints(); rotor < r.rotors(); ++rotor)
-    if (fastest(rotor) < still_below && !preparation.still_joints)
+    if (fastest(rotor) < standstill_rad_s && !preparation.still_joints)
       return tl::unexpected(Error(fmt::format(
           "motor {} stands still in all recordings (it never exceeds {:.2g} rad/s): its joints move against "
           "each other as it says; move them one by one, or leave its coupling out",

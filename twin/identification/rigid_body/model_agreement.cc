@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <optional>
 
 #include <fmt/format.h>
 
@@ -25,9 +24,10 @@ constexpr double quarter = 1.5707963267948966;
 
 /// How the torque of a joint follows the model's rigid dynamics.
 struct Following {
-  double scale = 0;  ///< of gravity; 0 where it has no effect
-  double share = 0;  ///< of the torque's variance, explained by the model beyond friction
-  double left = 1;   ///< of the torque's variance; with a scale below 0 that of friction alone
+  double scale = 0;          ///< of gravity; 0 where it has no effect
+  double share = 0;          ///< of the torque's variance, explained by the model beyond friction
+  double left = 1;           ///< of the torque's variance; with a scale below 0 that of friction alone
+  double left_opposite = 1;  ///< the same of the torque times -1
 };
 
 std::vector<Index> some_samples(const JointMotion& motion) {
@@ -83,13 +83,16 @@ Following following(const JointMotion& motion, const std::vector<Index>& samples
   const double total = (torque.array() - torque.mean()).matrix().squaredNorm(),
                without = variance_left(A.leftCols(3), torque), with = variance_left(A, torque, &x);
   if (!(total > 0)) return {};
-  return {.scale = x(4), .share = (without - with) / total, .left = (x(4) > 0 ? with : without) / total};
+  return {.scale = x(4),
+          .share = (without - with) / total,
+          .left = (x(4) > 0 ? with : without) / total,
+          .left_opposite = (x(4) > 0 ? without : with) / total};
 }
 
 /// Over all joints: the product of what is left, as a logarithm.
-double misfit(const std::vector<Following>& all) {
+double misfit(const std::vector<Following>& all, double Following::*left = &Following::left) {
   double sum = 0;
-  for (const Following& f : all) sum += std::log(f.left + never_explained);
+  for (const Following& f : all) sum += std::log(f.*left + never_explained);
   return sum;
 }
 
@@ -105,14 +108,16 @@ std::string torque_column(const Regressor& r, Index j) {
   return fmt::format("torque_{}_{}", r.joint_name(j), r.is_slide(j) ? "n" : "nm");
 }
 
-/// The zero of one joint that fits much better than that of the recording.
-std::optional<std::string> doubtful_zero(Regressor& r, const VectorXd& parameters, const JointMotion& motion,
-                                         const std::vector<Index>& samples, double now) {
-  struct {
-    double misfit;
-    Index joint;
-    int quarters;
-  } best{now + std::log(clearly_better), -1, 0};
+/// A joint's other zero; without a joint none fits much better than that of the recording.
+struct OtherZero {
+  double misfit;
+  Index joint = -1;
+  int quarters = 0;
+};
+
+OtherZero best_zero(Regressor& r, const VectorXd& parameters, const JointMotion& motion,
+                    const std::vector<Index>& samples, double now) {
+  OtherZero best{.misfit = now + std::log(clearly_better)};
   for (Index j = 0; j < r.joints(); ++j)
     for (const int quarters : {1, 2, -1}) {
       if (r.is_slide(j)) continue;
@@ -121,12 +126,30 @@ std::optional<std::string> doubtful_zero(Regressor& r, const VectorXd& parameter
       const double other = misfit(followings(r, parameters, motion, samples, zero));
       if (other < best.misfit) best = {other, j, quarters};
     }
-  if (best.joint < 0) return std::nullopt;
-  return fmt::format(
-      "the torques fit the model's gravity much better with {} degrees added to position_{}_rad (residual variance "
-      "{:.2g} times as large): is its zero another than the model's, or its sign? --columns maps it with offset and "
-      "sign",
-      90 * best.quarters, r.joint_name(best.joint), std::exp(best.misfit - now));
+  return best;
+}
+
+std::string of_zero(const Regressor& r, const OtherZero& zero, double now) {
+  return fmt::format("with {} degrees added to position_{}_rad (residual variance {:.2g} times as large)",
+                     90 * zero.quarters, r.joint_name(zero.joint), std::exp(zero.misfit - now));
+}
+
+/// What fits gravity much better than the torques and positions as they are; no findings where nothing does.
+DoubtfulGravity other_sign_or_zero(Regressor& r, const VectorXd& parameters, const JointMotion& motion,
+                                   const std::vector<Index>& samples, const std::vector<Following>& now) {
+  const double as_is = misfit(now), opposite = misfit(now, &Following::left_opposite);
+  const OtherZero zero = best_zero(r, parameters, motion, samples, as_is);
+  if (opposite < as_is + std::log(clearly_better) && opposite < zero.misfit - std::log(clearly_better))
+    return {.findings = {fmt::format(
+                "the torques fit the model's gravity much better with the other sign (residual variance {:.2g} times "
+                "as large){}: do all torques have the wrong sign, does the robot hang where the model stands, or is a "
+                "joint's zero another than the model's, or its sign? --columns maps columns with offset and sign",
+                std::exp(opposite - as_is), zero.joint < 0 ? "" : ", or " + of_zero(r, zero, as_is))},
+            .opposite = true};
+  if (zero.joint < 0) return {};
+  return {.findings = {fmt::format("the torques fit the model's gravity much better {}: is its zero another than the "
+                                   "model's, or its sign? --columns maps it with offset and sign",
+                                   of_zero(r, zero, as_is))}};
 }
 
 }  // namespace
@@ -159,12 +182,12 @@ std::vector<std::string> doubtful_sizes(const Regressor& regressor, const JointM
   return findings;
 }
 
-std::vector<std::string> doubtful_gravity(const Regressor& regressor, const JointMotion& motion) {
+DoubtfulGravity doubtful_gravity(const Regressor& regressor, const JointMotion& motion) {
   Regressor r = regressor;
   const VectorXd parameters = r.model_parameters();
   const auto samples = some_samples(motion);
   const auto now = followings(r, parameters, motion, samples, VectorXd::Zero(r.joints()));
-  if (auto zero = doubtful_zero(r, parameters, motion, samples, misfit(now))) return {*std::move(zero)};
+  if (auto other = other_sign_or_zero(r, parameters, motion, samples, now); !other.findings.empty()) return other;
   std::string columns;
   double scale = 0;  // of the first
   for (Index j = 0; j < r.joints(); ++j) {
@@ -174,13 +197,13 @@ std::vector<std::string> doubtful_gravity(const Regressor& regressor, const Join
     if (scale == 0) scale = f.scale;
   }
   if (columns.empty()) return {};
-  return {fmt::format(
-      "{}: that is how the torque follows the gravity of the model's masses. Is its unit another ({}), or that of the "
-      "positions, is the load another than the model's, or are the masses rough?",
-      columns,
-      scale < 0   ? "or its sign"
-      : scale < 1 ? "A, kNm; --torque-constant makes torques of currents"
-                  : "mNm, mA")};
+  return {.findings = {fmt::format("{}: that is how the torque follows the gravity of the model's masses. Is its unit "
+                                   "another ({}), or that of the "
+                                   "positions, is the load another than the model's, or are the masses rough?",
+                                   columns,
+                                   scale < 0   ? "or its sign"
+                                   : scale < 1 ? "A, kNm; --torque-constant makes torques of currents"
+                                               : "mNm, mA")}};
 }
 
 }  // namespace tribotwin::twin::identification

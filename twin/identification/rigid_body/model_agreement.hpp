@@ -14,12 +14,19 @@ namespace tribotwin::twin::identification {
 std::vector<std::string> doubtful_sizes(const Regressor& regressor, const JointMotion& motion,
                                         const std::vector<double>& effort);
 
+struct DoubtfulGravity {
+  std::vector<std::string> findings;
+  /// Whether all torques times -1 fit the model's gravity much better, and about as well as any other zero of a joint:
+  /// of torques with the wrong sign, of a robot that hangs where the model stands, or of a joint half a turn away.
+  bool opposite = false;
+};
+
 /// Torques that follow the gravity of the model's masses at another scale (amperes as Nm, mNm), with the other sign, or
 /// at another zero of one joint, of a quarter of a turn or a half. By least squares on some samples in motion,
 ///
 ///   tau_j = s g_j(q) + c (rigid_j - g_j)(q, qd, qdd) + Fc sgn qd_j + Fv qd_j + offset,
 ///
 /// where the rigid part explains 0.3 of the torque's variance beyond friction.
-std::vector<std::string> doubtful_gravity(const Regressor& regressor, const JointMotion& motion);
+DoubtfulGravity doubtful_gravity(const Regressor& regressor, const JointMotion& motion);
 
 }  // namespace tribotwin::twin::identification

@@ -87,25 +87,12 @@ Problem implausible_position(const Regressor& r, const RobotRecording& rec, Inde
   return {};
 }
 
-/// A velocity against the slope of the position, gaps in time left out. A joint at rest has none: its servo trembles.
 Problem implausible_velocity(const RobotRecording& rec, Index joint, const std::vector<double>& velocity,
                              const std::string& column, const std::string& position) {
-  constexpr double rest = 1e-3;
-  if (rec.position.row(joint).maxCoeff() - rec.position.row(joint).minCoeff() < rest) return {};
-  double cross = 0, own = 0;
-  const std::vector<bool> gap = after_gap(rec.time_s);
-  for (std::size_t i = 1; i < rec.time_s.size(); ++i) {
-    if (gap[i]) continue;
-    const double step = rec.position(joint, static_cast<Index>(i)) - rec.position(joint, static_cast<Index>(i) - 1);
-    cross += step * 0.5 * (velocity[i] + velocity[i - 1]) * (rec.time_s[i] - rec.time_s[i - 1]);
-    own += step * step;
-  }
-  const double ratio = own > 0 ? cross / own : 1;
-  if (ratio > 0.5 && ratio < 2) return {};
-  const bool degree =
-      std::abs(std::log(std::abs(ratio) / degrees)) < 0.3 || std::abs(std::log(std::abs(ratio) * degrees)) < 0.3;
-  return fmt::format("{}: {} is {:.3g} times the slope of {}{}", rec.file.string(), column, ratio, position,
-                     degree ? ": one of them is in degrees" : "; one of them is not what its name says");
+  const VectorXd q = rec.position.row(joint);
+  const auto ratio = velocity_over_slope(rec.time_s, {q.data(), rec.time_s.size()}, velocity);
+  if (!ratio || !ratio->contradicts()) return {};
+  return fmt::format("{}: {} {}", rec.file.string(), column, ratio->text(position));
 }
 
 /// The columns of all joints, and where they are in the table.

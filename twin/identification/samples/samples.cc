@@ -155,6 +155,14 @@ Problem append(Samples& s, const fs::path& file, const LevelColumns& c, const Un
   return any ? Problem{} : fmt::format("{}: no row with motion", file.string());
 }
 
+/// "; laws that need none (--law): stribeck". `needs`: what the others do.
+std::string laws_without(bool friction::LawInfo::* needs) {
+  std::vector<std::string_view> names;
+  for (const friction::LawInfo& law : friction::laws())
+    if (!(law.*needs)) names.push_back(law.name);
+  return names.empty() ? "" : fmt::format("; laws that need none (--law): {}", joined(names));
+}
+
 Problem read_curves(Samples& samples, const Numbers& table, const friction::LawInfo& law, const ReadOptions& options) {
   const auto& c = table.columns;
   const std::string file = table.file.string();
@@ -164,12 +172,12 @@ Problem read_curves(Samples& samples, const Numbers& table, const friction::LawI
                           : fmt::format("{}: is empty: a header but no samples", file);
   const bool has_load = !c[3].empty(), has_temperature = !c[4].empty();
   if (law.load_dependent && !has_load)
-    return fmt::format("{}:1: law '{}' depends on load: a column load_norm is needed; the header names {}", file,
-                       law.name, table.header);
+    return fmt::format("{}:1: law '{}' depends on load: a column load_norm is needed; the header names {}{}", file,
+                       law.name, table.header, laws_without(&friction::LawInfo::load_dependent));
   if (law.temperature_dependent && !has_temperature)
     return fmt::format(
-        "{}:1: law '{}' depends on temperature: a column temperature_degC is needed; the header names {}", file,
-        law.name, table.header);
+        "{}:1: law '{}' depends on temperature: a column temperature_degC is needed; the header names {}{}", file,
+        law.name, table.header, laws_without(&friction::LawInfo::temperature_dependent));
   const auto& friction = norm ? c[1] : c[2];
   if (const Problem p = implausible(table.file, c[0], c[3], c[4], friction, norm)) return p;
   if (const Problem p = beyond_torque_max(table.file, norm ? std::span<const double>{} : friction, options)) return p;
@@ -218,23 +226,10 @@ Problem append_levels(Samples& samples, const fs::path& file, const JointRecordi
   if (law.temperature_dependent && recording.temperature_degC.empty())
     return fmt::format("{}: law '{}' depends on temperature: a column temperature_degC is needed", file.string(),
                        law.name);
-  if (!recording.velocity_rad_s.empty()) {
-    // Speeds against the slope of positions: a factor of 57.3 is a mix of degrees and radians.
-    double cross = 0, own = 0;
-    for (std::size_t i = 1; i < recording.size(); ++i) {
-      const double dt = recording.time_s[i] - recording.time_s[i - 1],
-                   step = recording.position_rad[i] - recording.position_rad[i - 1];
-      if (!(dt > 0) || dt > 1) continue;
-      cross += step * recording.velocity_rad_s[i] * dt, own += step * step;
-    }
-    const double ratio = own > 0 ? cross / own : 1;
-    if (ratio < 0.5 || ratio > 2)
-      return fmt::format(
-          "{}: velocity_rad_s is {:.3g} times the slope of position_rad{}", file.string(), ratio,
-          std::abs(std::log(std::abs(ratio) / 57.29578)) < 0.3 || std::abs(std::log(std::abs(ratio) * 57.29578)) < 0.3
-              ? ": one of them is in degrees"
-              : "; one of them is not what its name says");
-  }
+  if (!recording.velocity_rad_s.empty())
+    if (const auto ratio = velocity_over_slope(recording.time_s, recording.position_rad, recording.velocity_rad_s);
+        ratio && ratio->contradicts())
+      return fmt::format("{}: velocity_rad_s {}", file.string(), ratio->text("position_rad"));
   const auto levels = levels_of(recording);
   if (!levels) return fmt::format("{}: {}", file.string(), levels.error().message);
   if (!levels->left_out.empty())

@@ -66,6 +66,17 @@ bool evaluate(const Combination& one, const std::vector<Estimate>& estimates, co
   return true;
 }
 
+/// Whether a rotor's friction was sought, in a law that tells its parts, and is all that acts beside its joint.
+bool tells_friction(const Regressor& regressor, const RobotFriction& friction, const DynamicsFit& fit, Index rotor) {
+  const auto at = static_cast<std::size_t>(rotor);
+  const bool unknown = !regressor.is_coupled(rotor) && fit.joints[at].samples == 0;
+  return !unknown && JointFriction::is_linear(friction[at].law()) && !beside_coupled_motor(regressor, rotor);
+}
+
+MatrixXd friction_covariance_of(const DynamicsFit& fit, std::size_t rotor) {
+  return rotor < fit.friction_covariance.size() ? fit.friction_covariance[rotor] : MatrixXd();
+}
+
 double top_speed_of(const std::vector<JointRange>& ranges, Index joint) {
   const Span& speed = ranges[static_cast<std::size_t>(joint)][static_cast<std::size_t>(Ranged::speed)];
   return speed.known() ? std::max(std::abs(speed.low), std::abs(speed.high)) : 0;
@@ -82,9 +93,8 @@ std::vector<Negative> negative_values(const Regressor& regressor, const RobotFri
                      "were torques measured behind the gear (--no-rotor-inertia), or are they late?"});
   for (Index r = 0; r < regressor.rotors(); ++r) {
     const auto at = static_cast<std::size_t>(r);
-    const bool unknown = !regressor.is_coupled(r) && fit.joints[at].samples == 0;
-    if (unknown || !JointFriction::is_linear(friction[at].law()) || beside_coupled_motor(regressor, r)) continue;
-    const MatrixXd covariance = at < fit.friction_covariance.size() ? fit.friction_covariance[at] : MatrixXd();
+    if (!tells_friction(regressor, friction, fit, r)) continue;
+    const MatrixXd covariance = friction_covariance_of(fit, at);
     for (const Combination& one : combinations(friction[at], top_speed_of(ranges, regressor.joint_of(r)))) {
       Negative found{
           .parameter = regressor.rotor_name(r) + "." + one.name, .what = one.what, .unit = {}, .cause = one.cause};
@@ -92,6 +102,22 @@ std::vector<Negative> negative_values(const Regressor& regressor, const RobotFri
     }
   }
   return all;
+}
+
+double pooled_friction(const Regressor& regressor, const RobotFriction& friction, const DynamicsFit& fit) {
+  constexpr double at_most = 5;
+  double sum = 0;
+  int count = 0;
+  for (Index r = 0; r < regressor.rotors(); ++r) {
+    if (!tells_friction(regressor, friction, fit, r)) continue;
+    const auto at = static_cast<std::size_t>(r);
+    const Combination standstill = combinations(friction[at], 0).front();
+    Negative found{.parameter = {}, .what = {}, .unit = {}, .cause = {}};
+    if (!evaluate(standstill, fit.friction[at], friction_covariance_of(fit, at), found) || !(found.sigma > 0)) continue;
+    sum += std::clamp(found.value / found.sigma, -at_most, at_most);
+    ++count;
+  }
+  return count ? sum / std::sqrt(count) : 0;
 }
 
 std::vector<std::string> warnings_of(std::span<const Negative> all) {

@@ -25,6 +25,11 @@ struct Negative {
 std::vector<Negative> negative_values(const Regressor& regressor, const RobotFriction& friction, const DynamicsFit& fit,
                                       const std::vector<JointRange>& ranges);
 
+/// Friction at standstill of all joints together, as distance from 0 [sigma]; below it friction would drive the motion.
+/// The sum of every joint's over the root of their number: that of one joint may be uncertain where the sign of all is
+/// not. A joint counts for 5 sigma at most, so that one alone does not stand for all. 0 where no law tells.
+double pooled_friction(const Regressor& regressor, const RobotFriction& friction, const DynamicsFit& fit);
+
 /// "viscous friction joint2.Fv is -0.12 +- 0.01 Nm s/rad: negative, 12 sigma below 0: ..."
 std::vector<std::string> warnings_of(std::span<const Negative> all);
 

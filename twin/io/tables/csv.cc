@@ -209,6 +209,11 @@ Result<bool> CsvLines::read(std::string& line) {
     return tl::unexpected(at_line(file_, read_,
                                   fmt::format("is longer than {} MiB, the most that a line of a CSV file has",
                                               limits::csv_line_bytes / limits::MiB)));
+  if (line.starts_with("SQLite format 3"))
+    return tl::unexpected(fmt::format(
+        "{}: is an SQLite database, as a rosbag in .db3 is, and no table; 'ros2 bag convert' makes an MCAP of it "
+        "(storage_id: mcap), which is read",
+        file_.string()));
   auto utf8 = to_utf8(std::move(line), read_);
   if (!utf8) return tl::unexpected(fmt::format("{}:{}", file_.string(), utf8.error().message));
   line = std::move(*utf8);

@@ -1,6 +1,7 @@
 #include <cmath>
 #include <limits>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <tribotwin/plugins/mujoco/loader.hpp>
@@ -59,6 +60,28 @@ TEST_P(NegativeValues, AreNamedWithTheirSigmas) {
     EXPECT_THAT(lines[k], HasSubstr(c.says[k]));
     EXPECT_EQ(found[k].significant(), c.significant);
   }
+}
+
+/// Seven hinges whose Coulomb friction is that many sigmas from 0, and one without known friction.
+double pooled(const std::vector<double>& sigmas, const friction::LawInfo& law = coulomb_viscous()) {
+  std::string bodies;
+  for (std::size_t j = 0; j <= sigmas.size(); ++j)
+    bodies += fmt::format(R"(<body><joint name="j{}"/><geom size=".1" mass="3"/></body>)", j);
+  const auto model = *mujoco::load_string("<mujoco><worldbody>" + bodies + "</worldbody></mujoco>");
+  const Regressor regressor = *Regressor::create(model->get());
+  RobotFriction friction(sigmas.size() + 1, JointFriction(law, {}));
+  DynamicsFit fit;
+  for (std::size_t j = 0; j <= sigmas.size(); ++j) {
+    fit.joints.push_back({regressor.joint_name(static_cast<Index>(j)), 0.1, 1, 0.1, j < sigmas.size() ? 1000 : 0});
+    fit.friction.push_back({estimate("Fc", j < sigmas.size() ? 2 * sigmas[j] : -100, 2), estimate("Fv", 1, 1)});
+  }
+  return pooled_friction(regressor, friction, fit);
+}
+
+TEST(PooledFriction, IsSignificantWhereThatOfNoJointIs) {
+  EXPECT_NEAR(pooled({-1.9, -0.3, -0.6, -1, -1.9, -1.7, -1.7}), -9.1 / std::sqrt(7), 1e-12);
+  EXPECT_NEAR(pooled({-40, 3, 2}), 0, 1e-12) << "one joint does not stand for all";
+  EXPECT_EQ(pooled({-1, -1}, *friction::find_law("stribeck")), 0);
 }
 
 // The slope at 2 rad/s: Fv - Fs e^-4 / 0.5.
