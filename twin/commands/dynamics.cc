@@ -428,10 +428,13 @@ const friction::LawInfo* given_law(const Arguments& a) {
 DynamicsChoice choice_of(const Arguments& a, const friction::LawInfo* given, const Robot& robot,
                          const std::vector<RobotRecording>& recordings, std::span<const double> torque_max_nm,
                          Progress& progress) {
-  if (!given)
-    return or_wrong_input(choose_dynamics(*robot.model, robot.regressor, robot.base, recordings,
-                                          decided(a, robot.regressor), torque_max_nm, a.threads,
-                                          [&](double share) { progress(0.9 * share); }));
+  if (!given) {
+    auto choice = choose_dynamics(*robot.model, robot.regressor, robot.base, recordings, decided(a, robot.regressor),
+                                  torque_max_nm, a.threads, [&](double share) { progress(0.9 * share); });
+    // What it is refused for may come of gaps, which the notes on its motion name.
+    if (!choice) prepared(robot, recordings, a.preparation, a.quiet);
+    return or_wrong_input(std::move(choice));
+  }
   return {.setting = setting_of(a, robot.regressor, *given), .trials = {}};
 }
 

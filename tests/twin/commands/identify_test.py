@@ -271,7 +271,17 @@ refused(
     write("f.csv", "speed_rad_s,load_norm,temperature_degC,foo", v, l, T, y),
     says="the header names speed_rad_s, load_norm",
 )
-refused("no load", write("nl.csv", "speed_rad_s,temperature_degC,friction_norm", v, T, y), says="load_norm is needed")
+no_load_column = write("nl.csv", "speed_rad_s,friction_norm", v, y)
+refused("no load", no_load_column, says=["load_norm is needed", "(--law): stribeck, stribeck_non_newtonian"])
+r = run("identify", "--law", "extended,stribeck", no_load_column)
+check(
+    "a law that lacks a column is left out of a comparison",
+    r.returncode == 0 and "law 'extended' is left out" in r.stderr and "stribeck" in r.stdout,
+    r.stderr,
+)
+with open(work + "/bag.db3", "wb") as bag:
+    bag.write(b"SQLite format 3\0" + bytes(100))
+refused("a rosbag in SQLite", "bag.db3", says=["SQLite", "ros2 bag convert"])
 refused("unknown law", "--law", "stribek", full, says="did you mean 'stribeck'")
 refused("unknown parameter", "--fix", "alhpa=1", full, says="did you mean 'alpha'")
 refused("not a number", "--fix", "alpha=much", full, says="not a finite number")

@@ -186,8 +186,10 @@ class Identification {
                                                 regressor_.joint_name(j), torque(0))));
       if (const Index moving = motion_.moving.row(j).count();
           moving < 10 + friction_[static_cast<std::size_t>(j)].size())
-        return tl::unexpected(Error(fmt::format("joint {} moves in {} samples only; record more of its motion",
-                                                regressor_.joint_name(j), moving)));
+        return tl::unexpected(Error(fmt::format(
+            "joint {} moves in {} of {} samples only: the low-pass of {:.3g} Hz leaves out what is within two of its "
+            "periods, {:.2g} s, of a rest or reversal; raise --cutoff, or record more of its motion",
+            regressor_.joint_name(j), moving, motion_.size(), motion_.cutoff_hz, 2 / motion_.cutoff_hz)));
     }
     return {};
   }

@@ -155,12 +155,12 @@ Problem append(Samples& s, const fs::path& file, const LevelColumns& c, const Un
   return any ? Problem{} : fmt::format("{}: no row with motion", file.string());
 }
 
-/// "; laws that need none (--law): stribeck". `needs`: what the others do.
-std::string laws_without(bool friction::LawInfo::* needs) {
+/// "; laws that these columns allow (--law): stribeck"
+std::string laws_with(bool load, bool temperature) {
   std::vector<std::string_view> names;
   for (const friction::LawInfo& law : friction::laws())
-    if (!(law.*needs)) names.push_back(law.name);
-  return names.empty() ? "" : fmt::format("; laws that need none (--law): {}", joined(names));
+    if ((load || !law.load_dependent) && (temperature || !law.temperature_dependent)) names.push_back(law.name);
+  return names.empty() ? "" : fmt::format("; laws that these columns allow (--law): {}", joined(names));
 }
 
 Problem read_curves(Samples& samples, const Numbers& table, const friction::LawInfo& law, const ReadOptions& options) {
@@ -173,11 +173,11 @@ Problem read_curves(Samples& samples, const Numbers& table, const friction::LawI
   const bool has_load = !c[3].empty(), has_temperature = !c[4].empty();
   if (law.load_dependent && !has_load)
     return fmt::format("{}:1: law '{}' depends on load: a column load_norm is needed; the header names {}{}", file,
-                       law.name, table.header, laws_without(&friction::LawInfo::load_dependent));
+                       law.name, table.header, laws_with(has_load, has_temperature));
   if (law.temperature_dependent && !has_temperature)
     return fmt::format(
         "{}:1: law '{}' depends on temperature: a column temperature_degC is needed; the header names {}{}", file,
-        law.name, table.header, laws_without(&friction::LawInfo::temperature_dependent));
+        law.name, table.header, laws_with(has_load, has_temperature));
   const auto& friction = norm ? c[1] : c[2];
   if (const Problem p = implausible(table.file, c[0], c[3], c[4], friction, norm)) return p;
   if (const Problem p = beyond_torque_max(table.file, norm ? std::span<const double>{} : friction, options)) return p;
