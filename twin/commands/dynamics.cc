@@ -797,6 +797,15 @@ std::optional<Instruments> instruments_of(const Arguments& a, const Robot& robot
   return std::move(*found);
 }
 
+/// Adds what the judgement warns of to the fit's notes, and says them.
+void say_notes(const Arguments& a, const Robot& robot, const Judgement& judgement, DynamicsFit& fit) {
+  std::ranges::move(warnings_of(judgement.joints), std::back_inserter(fit.notes));
+  std::ranges::move(warnings_of(judgement.negative), std::back_inserter(fit.notes));
+  std::ranges::move(files_that_differ(robot.regressor, a.data, judgement.lags), std::back_inserter(fit.notes));
+  if (!a.quiet)
+    for (const auto& text : fit.notes) note("{}", text);
+}
+
 Result<Exit> execute(const Arguments& a) {
   const friction::LawInfo* const given = given_law(a);
   refuse_beside_iv(a, given);
@@ -835,11 +844,7 @@ Result<Exit> execute(const Arguments& a) {
       data.gains ? transmission_efficiency(data.gains->found) : transmission_efficiency(*friction, *fit);
   const bool with_temperature = motion.has_temperature || (!models.empty() && law.temperature_dependent);
   const Judgement judgement = judged(robot, *friction, motion, *fit, with_temperature, a.threads);
-  std::ranges::move(warnings_of(judgement.joints), std::back_inserter(fit->notes));
-  std::ranges::move(warnings_of(judgement.negative), std::back_inserter(fit->notes));
-  std::ranges::move(files_that_differ(robot.regressor, a.data, judgement.lags), std::back_inserter(fit->notes));
-  if (!a.quiet)
-    for (const auto& text : fit->notes) note("{}", text);
+  say_notes(a, robot, judgement, *fit);
   const Consistency consistency =
       nearest_consistent(robot.regressor, robot.base, fit->parameters.base, fit->information);
   ConsistentDynamics consistent = consistent_dynamics(robot.regressor, robot.base, *friction, *fit);

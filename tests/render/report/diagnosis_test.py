@@ -240,12 +240,7 @@ check("one curve alone", verdict.startswith("The curve is not that of a healthy 
 # ---- Small wear: each curve beyond a limit is likelier so by chance than by any cause; few may be that, many not.
 for name, wear, says, light in (
     ("few", 0.004, "2 of 5 curves are beyond the limits of a healthy joint, which may be chance.", ("Green", "Amber")),
-    (
-        "many",
-        0.008,
-        "3 of 5 curves are beyond the limits of a healthy joint, too many for chance",
-        ("Red",),
-    ),
+    ("many", 0.008, "3 of 5 curves are beyond the limits of a healthy joint, too many for chance", ("Red",)),
 ):
     noise = np.random.default_rng(0)
     files = [f"{name}_{date}.csv" for date in dates]
