@@ -117,6 +117,7 @@ Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> in_training(const std::vecto
 
 Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> motion_in_span(const std::vector<JointRange>& trained,
                                                                    const JointMotion& motion) {
+  constexpr double rounding = 1e-6;  // of the span: of the same sample in another unit
   Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> in;
   in.setConstant(motion.q.rows(), motion.size(), !trained.empty());
   for (std::size_t j = 0; j < trained.size(); ++j)
@@ -125,8 +126,10 @@ Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> motion_in_span(const std::ve
       if (!span.known()) continue;
       if (what == Ranged::speed) span = {std::min(span.low, 0.0), std::max(span.high, 0.0)};
       const auto joint = static_cast<Index>(j);
+      const double margin = rounding * (span.high - span.low);
       for (Index i = 0; i < motion.size(); ++i)
-        if (const double x = value_of(motion, {}, what, joint, i); x < span.low || x > span.high) in(joint, i) = false;
+        if (const double x = value_of(motion, {}, what, joint, i); x < span.low - margin || x > span.high + margin)
+          in(joint, i) = false;
     }
   return in;
 }
