@@ -315,11 +315,14 @@ bool ends_with_number(std::string_view text) {
 std::string with_numbers_whole(const std::string& text) {
   std::string out;
   for (std::size_t i = 0; i < text.size(); ++i) {
+    if (text[i] != ' ' || !ends_with_number(std::string_view(text.data(), i))) {
+      out += text[i];
+      continue;
+    }
     const std::string_view before(text.data(), i), after(text.data() + i + 1, text.size() - i - 1);
     const auto word = after.substr(0, after.find_first_of(" ,;:.)\n"));
-    const bool tied = text[i] == ' ' && ends_with_number(before) &&
-                      (belongs_to_number(word) || (before.ends_with("±") && !after.empty()));
-    out += tied ? "\u00a0" : std::string(1, text[i]);
+    const bool tied = belongs_to_number(word) || (before.ends_with("±") && !after.empty());
+    out += tied ? "\u00a0" : " ";
   }
   return out;
 }
