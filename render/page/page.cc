@@ -291,7 +291,7 @@ std::string with_typeset_ranges(const std::string& text) {
 /// "joint1" of "joint joint1".
 std::string without_doubled_joint(std::string text) {
   constexpr std::string_view doubled = "joint joint", once = "joint";
-  for (std::size_t at; (at = text.find(doubled)) != text.npos;) text.replace(at, doubled.size(), once);
+  for (std::size_t at = 0; (at = text.find(doubled, at)) != text.npos;) text.replace(at, doubled.size(), once);
   return text;
 }
 
