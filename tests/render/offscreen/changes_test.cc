@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <cstdlib>
+#include <cstring>
 
 #include <gtest/gtest.h>
 
@@ -170,6 +171,9 @@ Shown shown(const mjModel* m, double q) {
   mjv_defaultFreeCamera(m, &camera);
   mjv_defaultScene(&scene);
   mjv_makeScene(m, &scene, 100);
+  // A renderer has one scene: what the engine leaves unwritten, padding and the rest of labels, stays as it is.
+  std::memset(scene.geoms, 0, 100 * sizeof *scene.geoms);
+  std::memset(scene.lights, 0, sizeof scene.lights);
   mjv_updateScene(m, d.get(), &option, nullptr, &camera, mjCAT_ALL, &scene);
   Shown all(scene);
   mjv_freeScene(&scene);
