@@ -201,7 +201,7 @@ Json band_of(const Error& e) {
   if (std::isnan(e.half_width)) return nullptr;
   const Json as_trained = {{"samples", e.as_trained.samples},
                            {"share_inside", e.as_trained.samples > 0 ? Json(e.as_trained.share()) : Json(nullptr)},
-                           {"independent", e.as_trained.independent}};
+                           {"independent", std::round(10 * e.as_trained.independent) / 10}};  // its digits are noise
   return {{"half_width", e.half_width},
           {"samples", e.band.samples},
           {"share_inside", e.band.samples > 0 ? Json(e.band.share()) : Json(nullptr)},
