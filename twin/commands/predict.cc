@@ -309,8 +309,7 @@ std::string band_that_fails(const Regressor& regressor, Index joint, const Error
     return fmt::format(
         "joint {}: only {:.0f} % of the recorded torques are within {}, and {:.0f} % where it and the joints that load "
         "it are within the training's ranges ({} samples, {:.0f} independent ones): the robot has changed, or its "
-        "model "
-        "lacks something",
+        "model lacks something",
         regressor.joint_name(joint), 100 * e.band.share(), band, 100 * e.as_trained.share(), e.as_trained.samples,
         e.as_trained.independent);
   const auto seconds = [&](Index samples) { return static_cast<double>(samples) * e.step_s; };

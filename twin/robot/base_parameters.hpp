@@ -24,6 +24,8 @@ struct BaseParameters {
   Eigen::Index numerical_rank = 0;        ///< of the regressor by column-pivoted QR, for comparison with their number
 
   Eigen::Index size() const { return static_cast<Eigen::Index>(parameters.size()); }
+  /// Whether the leading parameter of the k-th is a rotor inertia.
+  bool is_rotor_inertia(Eigen::Index k) const { return parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia"); }
 };
 
 /// From the regressor at random states of all joints, the same for the same model.

@@ -255,7 +255,7 @@ double chance_of_rotors(const BaseParameters& base, const VectorXd& beta, const 
   const MatrixXd covariance = pseudo_inverse(information);
   double count = 0, least = 1;
   for (Index k = 0; k < base.size(); ++k) {
-    if (!base.parameters[static_cast<std::size_t>(k)].name.ends_with(".Ia") || !(covariance(k, k) > 0)) continue;
+    if (!base.is_rotor_inertia(k) || !(covariance(k, k) > 0)) continue;
     ++count;
     least = std::min(least, 0.5 * std::erfc(-beta(k) / std::sqrt(2 * covariance(k, k))));
   }

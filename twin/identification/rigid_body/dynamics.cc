@@ -203,7 +203,7 @@ class Identification {
   }
 
   /// Base parameters that are a rotor inertia alone, where there are none.
-  bool excluded(Index base) const { return !options_.rotor_inertia && is_rotor_inertia(base); }
+  bool excluded(Index base) const { return !options_.rotor_inertia && base_.is_rotor_inertia(base); }
 
   /// Whether a rotor slides both ways in samples that count, so that they tell its offset from its friction.
   bool turns_both_ways(Index rotor) const {
@@ -757,7 +757,7 @@ class Identification {
     std::vector<Index> of_base, at;
     for (std::size_t c = 0; c < order_.size(); ++c)
       if (const Index u = order_[c];
-          u < base_.size() && !is_rotor_inertia(u) && (moments < enough || is_first_moment(u)))
+          u < base_.size() && !base_.is_rotor_inertia(u) && (moments < enough || is_first_moment(u)))
         of_base.push_back(u), at.push_back(static_cast<Index>(c));
     if (of_base.empty()) return;
     out_.prior_by_evidence = most_probable_prior(
@@ -768,10 +768,6 @@ class Identification {
     const std::string& name = base_.parameters[static_cast<std::size_t>(base_parameter)].name;
     const std::string_view first = std::string_view(name).substr(0, name.find(' '));
     return first.ends_with(".mx") || first.ends_with(".my") || first.ends_with(".mz");
-  }
-
-  bool is_rotor_inertia(Index base_parameter) const {
-    return base_.parameters[static_cast<std::size_t>(base_parameter)].name.ends_with(".Ia");
   }
 
   /// Estimates with sigmas, information of the base parameters, condition number.

@@ -72,19 +72,13 @@ struct Sampling {
   bool regular() const { return uneven == 0; }
 };
 
-double typical_step_s(const RobotRecording& rec) {
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < rec.time_s.size(); ++i) steps.push_back(rec.time_s[i] - rec.time_s[i - 1]);
-  return median_of(std::move(steps));
-}
-
 /// Where none is given.
 double usual_cutoff_hz(double step_s) { return std::min(20.0, 0.2 / step_s); }
 
 /// A hole in time that is short against the period of the cut-off is no gap: interpolation crosses it.
 Sampling sampling_of(const RobotRecording& rec, const Preparation& preparation, std::vector<std::string>& notes) {
   const auto& time = rec.time_s;
-  Sampling s{.typical_s = typical_step_s(rec)};
+  Sampling s{.typical_s = median_step(rec.time_s)};
   const double cutoff = preparation.cutoff_hz > 0 ? preparation.cutoff_hz : usual_cutoff_hz(s.typical_s);
   const double hole_s = preparation.longest_hole_s > 0 ? preparation.longest_hole_s : hole_periods / cutoff;
   const double longest_s = std::max(gap_steps * s.typical_s, hole_s);
@@ -472,7 +466,7 @@ Preparation with_one_cutoff(std::span<const RobotRecording> recordings, Preparat
   double lowest_hz = std::numeric_limits<double>::infinity(), highest_hz = 0, rate_hz = 0;
   for (const RobotRecording& rec : recordings) {
     if (rec.time_s.size() < 2) continue;
-    const double step_s = typical_step_s(rec), cutoff_hz = usual_cutoff_hz(step_s);
+    const double step_s = median_step(rec.time_s), cutoff_hz = usual_cutoff_hz(step_s);
     highest_hz = std::max(highest_hz, cutoff_hz);
     if (cutoff_hz < lowest_hz) lowest_hz = cutoff_hz, rate_hz = 1 / step_s, slowest = &rec;
   }

@@ -198,8 +198,8 @@ DoubtfulGravity doubtful_gravity(const Regressor& regressor, const JointMotion& 
   }
   if (columns.empty()) return {};
   return {.findings = {fmt::format("{}: that is how the torque follows the gravity of the model's masses. Is its unit "
-                                   "another ({}), or that of the "
-                                   "positions, is the load another than the model's, or are the masses rough?",
+                                   "another ({}), or that of the positions, is the load another than the model's, or "
+                                   "are the masses rough?",
                                    columns,
                                    scale < 0   ? "or its sign"
                                    : scale < 1 ? "A, kNm; --torque-constant makes torques of currents"
